@@ -1,0 +1,332 @@
+"""A robot: one open chain from a base link to a tip link, as immutable tables.
+
+The chain is a row of `Segment`s. Segment k maps into the frame of the one before it by
+
+    A_k(q) = origin_k * motion_k(multiplier_k * q[variable_k] + offset_k)
+
+with motion a rotation about, or a translation along, a unit axis. Everything else (fixed links, tools, links
+passed in the tip-to-base direction, mimic joints, Denavit-Hartenberg rows) is written in this one form.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ikgrad.errors import RobotError, ShapeError, UnknownNameError
+from ikgrad.resources import builtin_file, builtin_names
+
+if TYPE_CHECKING:
+    import pytorch_kinematics as pk
+    from numpy.typing import ArrayLike
+
+MOVING = ("revolute", "prismatic")
+
+
+class Variable(NamedTuple):
+    """One entry of ``q``: a joint that moves by itself. Unlimited joints have -inf and +inf."""
+
+    name: str
+    kind: str
+    q_min: float
+    q_max: float
+
+
+class Segment(NamedTuple):
+    """One link of the chain and the joint that moves it (see the module docstring)."""
+
+    joint: str
+    link: str | None  # None: a frame inside a reversed joint, no link of the robot
+    origin: np.ndarray  # (4, 4)
+    kind: str = "fixed"  # or one of MOVING
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    variable: int = -1  # column of q
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+class Tables(NamedTuple):
+    """The chain with its fixed segments folded in, as tensors; m is the number of moving segments."""
+
+    origins: Tensor  # (m, 4, 4) from the moving frame before (or the base) to this joint, q = 0
+    axes: Tensor  # (m, 3) unit
+    prismatic: Tensor  # (m,) bool
+    variable: Tensor  # (m,) int64, column of q
+    multiplier: Tensor  # (m,)
+    offset: Tensor  # (m,)
+    tool: Tensor  # (4, 4) from the last moving frame to the tip
+    link_frame: Tensor  # (links,) int64, moving frame that carries the link; 0 is the base, k + 1 is frame k
+    link_offset: Tensor  # (links, 4, 4) the link in that frame
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An open kinematic chain. Made by `load_robot` or `Robot.from_dh`, never changed.
+
+    Attributes:
+        name: name of the robot.
+        base: link in which poses are given.
+        segments: the chain from base to tip.
+        variables: the joints that ``q`` holds, in order.
+        device: device of ``q_min``, ``q_max`` and ``chain``.
+        dtype: their dtype; float64 unless `to` was called.
+    """
+
+    name: str
+    base: str
+    segments: tuple[Segment, ...]
+    variables: tuple[Variable, ...]
+    device: torch.device = torch.device("cpu")
+    dtype: torch.dtype = torch.float64
+    _tables: dict[Any, Tables] = field(default_factory=dict, repr=False)
+
+    @property
+    def tip(self) -> str:
+        """Link whose pose forward kinematics gives."""
+        return next(s.link for s in reversed(self.segments) if s.link is not None)
+
+    @property
+    def dof(self) -> int:
+        """Number of joint variables n."""
+        return len(self.variables)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joint variables, in the order of ``q``."""
+        return tuple(v.name for v in self.variables)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Links on the way from base to tip, both included, in the order of `link_poses`."""
+        return (self.base, *(s.link for s in self.segments if s.link is not None))
+
+    @cached_property
+    def q_min(self) -> Tensor:
+        """(n,) lower limits [rad or m], -inf where there is none."""
+        return torch.tensor([v.q_min for v in self.variables], dtype=self.dtype, device=self.device)
+
+    @cached_property
+    def q_max(self) -> Tensor:
+        """(n,) upper limits [rad or m], +inf where there is none."""
+        return torch.tensor([v.q_max for v in self.variables], dtype=self.dtype, device=self.device)
+
+    @cached_property
+    def revolute(self) -> Tensor:
+        """(n,) bool, True where the variable is an angle."""
+        return torch.tensor([v.kind == "revolute" for v in self.variables], device=self.device)
+
+    @cached_property
+    def sampling_range(self) -> tuple[Tensor, Tensor]:
+        """(n,) and (n,): the limits, with -pi..pi for unlimited angles and -1 m..1 m for unlimited slides."""
+        span = torch.where(self.revolute, torch.pi, 1.0).to(self.q_min)
+        return self.q_min.where(self.q_min.isfinite(), -span), self.q_max.where(self.q_max.isfinite(), span)
+
+    @cached_property
+    def chain(self) -> pk.SerialChain:
+        """The same chain as a ``pytorch_kinematics.SerialChain`` of this dtype and device.
+
+        Its joint vector is `expand` (q): the same as q unless there are mimic joints.
+        """
+        return _build_chain(self)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of all that a joint vector means for this robot: names, order, limits, geometry, base and tip."""
+        segments = [(s.link, np.asarray(s.origin).tolist(), *s[3:]) for s in self.segments]
+        text = json.dumps([self.base, self.tip, [list(v) for v in self.variables], segments])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @cached_property
+    def reach_bound(self) -> float:
+        """A distance from the first moving frame's origin that the tip can never exceed [m]; inf if a slide has no limit.
+
+        The sum of the lengths of all later links: an upper bound by the triangle inequality, not the tightest.
+        """
+        tables = self.tables()
+        length = float(tables.origins[1:, :3, 3].norm(dim=-1).sum() + tables.tool[:3, 3].norm())
+        for k in torch.nonzero(tables.prismatic).flatten().tolist():
+            low, high = self.variables[int(tables.variable[k])][2:]
+            ends = [float(tables.multiplier[k]) * x + float(tables.offset[k]) for x in (low, high)]
+            length += max(abs(x) for x in ends)
+        return length
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"
+
+    def tables(self, *, dtype: torch.dtype = torch.float64, device: torch.device | str = "cpu") -> Tables:
+        """The chain as tensors of a dtype and device (kept after the first call)."""
+        key = (dtype, torch.device(device))
+        if key not in self._tables:
+            if not self._tables:
+                self._tables[(torch.float64, torch.device("cpu"))] = _fold(self)
+            full = self._tables[(torch.float64, torch.device("cpu"))]
+            self._tables[key] = Tables(
+                *(t.to(device, dtype) if t.is_floating_point() else t.to(device) for t in full)
+            )
+        return self._tables[key]
+
+    def expand(self, q: Tensor) -> Tensor:
+        """Joint values of every moving segment, mimic joints included: (..., n) -> (..., m)."""
+        tables = self.tables(dtype=q.dtype, device=q.device)
+        return tables.multiplier * q[..., tables.variable] + tables.offset
+
+    def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> Robot:
+        """The same robot with limits and chain on another device or of another dtype; this one is unchanged.
+
+        Functions follow the dtype and device of their tensors, so this is needed for ``chain``, ``q_min`` and
+        ``q_max`` only.
+        """
+        device = self.device if device is None else torch.device(device)
+        return replace(self, device=device, dtype=dtype or self.dtype, _tables=self._tables)
+
+    def with_tool(self, T_flange_tool: ArrayLike | Tensor, *, name: str = "tool") -> Robot:
+        """The same robot with a tool: the tip moves to a frame fixed in the present tip.
+
+        Args:
+            T_flange_tool: (4, 4) pose of the tool in the present tip.
+            name: name of the new tip link.
+
+        Example:
+            >>> import ikgrad as ik, torch
+            >>> gripper = torch.eye(4); gripper[2, 3] = 0.1034
+            >>> ik.load_robot("panda").with_tool(gripper).tip
+            'tool'
+        """
+        origin = np.array(torch.as_tensor(T_flange_tool, dtype=torch.float64), dtype=np.float64)
+        if origin.shape != (4, 4):
+            raise ShapeError(f"T_flange_tool must have shape (4, 4), got {origin.shape}")
+        if not is_pose(origin):
+            raise RobotError(f"T_flange_tool of robot '{self.name}' is not a rigid transform:\n{origin}")
+        while name in self.link_names:
+            name += "_"
+        segment = Segment(f"{name}_joint", name, origin)
+        return replace(self, segments=(*self.segments, segment), _tables={})
+
+    @staticmethod
+    def from_dh(
+        rows: Sequence[Mapping[str, Any] | Sequence[float]],
+        *,
+        convention: str,
+        q_min: ArrayLike | None = None,
+        q_max: ArrayLike | None = None,
+        name: str = "robot",
+    ) -> Robot:
+        """A robot from Denavit-Hartenberg rows, see `ikgrad.dh.from_dh`."""
+        from ikgrad.dh import from_dh
+
+        return from_dh(rows, convention=convention, q_min=q_min, q_max=q_max, name=name)
+
+
+def is_pose(T: np.ndarray, tolerance: float = 1e-6) -> bool:
+    """True if a (4, 4) array is a rigid transform."""
+    R = T[:3, :3]
+    return bool(
+        np.isfinite(T).all()
+        and np.abs(R @ R.T - np.eye(3)).max() <= tolerance
+        and np.linalg.det(R) > 0
+        and np.abs(T[3] - (0, 0, 0, 1)).max() <= tolerance
+    )
+
+
+def load_robot(name_or_path: str | Path, *, base: str | None = None, tip: str | None = None) -> Robot:
+    """A built-in robot by name, or any URDF file.
+
+    The file is parsed in float64; meshes are not opened and ``package://`` is not followed.
+
+    Args:
+        name_or_path: built-in name (``ikgrad robots`` lists them) or path of a URDF file.
+        base: link in which poses are given; default: the root link.
+        tip: link whose pose is solved for; default: the only leaf link. Base and tip may be any two links.
+
+    Raises:
+        UnknownNameError: no such robot, file or link.
+        RobotError: the file cannot be read or describes no usable chain; several leaves and no ``tip``.
+
+    Example:
+        >>> import ikgrad as ik
+        >>> robot = ik.load_robot("panda")
+        >>> robot.dof, robot.base, robot.tip
+        (7, 'panda_link0', 'panda_link8')
+    """
+    path = Path(name_or_path)
+    looks_like_file = path.suffix != "" or len(path.parts) > 1 or path.is_file()
+    if str(name_or_path) in builtin_names("urdf"):
+        path = builtin_file("urdf", str(name_or_path))
+    elif not looks_like_file:
+        raise UnknownNameError("robot", str(name_or_path), [*builtin_names("urdf"), "or the path of a URDF file"])
+    from ikgrad.urdf import read_urdf
+
+    return read_urdf(path, base=base, tip=tip)
+
+
+def _fold(robot: Robot) -> Tables:
+    """Fold fixed segments into their neighbours, in float64 on the CPU."""
+    moving: list[Segment] = []
+    origins: list[np.ndarray] = []
+    link_frame, link_offset = [0], [np.eye(4)]
+    pending = np.eye(4)  # from the last moving frame to here
+    for segment in robot.segments:
+        pending = pending @ segment.origin
+        if segment.kind in MOVING:
+            moving.append(segment)
+            origins.append(pending)
+            pending = np.eye(4)
+        if segment.link is not None:
+            link_frame.append(len(moving))
+            link_offset.append(pending)
+    column = [torch.tensor([getattr(s, key) for s in moving]) for key in ("variable", "multiplier", "offset")]
+    return Tables(
+        origins=torch.from_numpy(np.stack(origins)),
+        axes=torch.tensor([s.axis for s in moving], dtype=torch.float64),
+        prismatic=torch.tensor([s.kind == "prismatic" for s in moving]),
+        variable=column[0],
+        multiplier=column[1].double(),
+        offset=column[2].double(),
+        tool=torch.from_numpy(pending),
+        link_frame=torch.tensor(link_frame),
+        link_offset=torch.from_numpy(np.stack(link_offset)),
+    )
+
+
+def _build_chain(robot: Robot) -> pk.SerialChain:
+    """Frames, joints and links of pytorch-kinematics from the segments (its own URDF reader is not used)."""
+    import pytorch_kinematics as pk
+    from pytorch_kinematics.frame import Frame, Joint, Link
+
+    root = parent = Frame(robot.base, Link(robot.base))
+    for k, segment in enumerate(robot.segments):
+        name = segment.link or f"{segment.joint}/{k}"
+        joint = Joint(
+            name=f"{segment.joint}/{k}" if segment.link is None else segment.joint,
+            offset=pk.Transform3d(matrix=torch.from_numpy(np.array(segment.origin)), dtype=torch.float64),
+            joint_type=segment.kind,
+            axis=segment.axis,
+            dtype=torch.float64,
+            limits=_segment_limits(robot, segment),
+        )
+        frame = Frame(name, Link(name), joint)
+        parent.add_child(frame)
+        parent = frame
+    full = pk.chain.Chain(root, dtype=torch.float64)
+    chain = pk.SerialChain(full, parent.name, robot.base, dtype=torch.float64)
+    return chain.to(dtype=robot.dtype, device=robot.device)
+
+
+def _segment_limits(robot: Robot, segment: Segment) -> tuple[float, float] | None:
+    if segment.kind not in MOVING:
+        return None
+    variable = robot.variables[segment.variable]
+    ends = [segment.multiplier * x + segment.offset for x in (variable.q_min, variable.q_max)]
+    return min(ends), max(ends)
+
+
+__all__ = ["Robot", "Segment", "Tables", "Variable", "is_pose", "load_robot"]

@@ -1,0 +1,111 @@
+"""Rotations as 3x3 matrices, rotation vectors and unit quaternions (``quat_wxyz``)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def log_rotation(R: Tensor) -> Tensor:
+    """Rotation vector of a rotation matrix, exact at 0 and at pi, with finite gradients (by roma).
+
+    Args:
+        R: (..., 3, 3)
+
+    Returns:
+        (..., 3) axis times angle, norm in [0, pi].
+
+    Example:
+        >>> import torch
+        >>> log_rotation(torch.diag(torch.tensor([1.0, -1.0, -1.0]))).abs()
+        tensor([3.1416, 0.0000, 0.0000])
+    """
+    import roma  # imports much of torch: one second, so only where a gradient is wanted
+
+    return roma.rotmat_to_rotvec(R)
+
+
+def rotation_angle(R: Tensor) -> Tensor:
+    """Angle of a rotation matrix, accurate to rounding near 0: atan2(|vee(R - R^T)| / 2, (tr R - 1) / 2).
+
+    Args:
+        R: (..., 3, 3)
+
+    Returns:
+        (...) angle in [0, pi].
+
+    Example:
+        >>> import torch
+        >>> rotation_angle(torch.eye(3))
+        tensor(0.)
+    """
+    skew = torch.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], dim=-1)
+    trace = R.diagonal(dim1=-2, dim2=-1).sum(-1)
+    return torch.atan2(skew.norm(dim=-1), trace - 1)
+
+
+def matrix_from_quat_wxyz(quat_wxyz: Tensor) -> Tensor:
+    """Rotation matrices of quaternions (w, x, y, z); the quaternions are normalised first.
+
+    Args:
+        quat_wxyz: (..., 4), not zero.
+
+    Returns:
+        (..., 3, 3)
+
+    Example:
+        >>> import torch
+        >>> matrix_from_quat_wxyz(torch.tensor([1.0, 0.0, 0.0, 0.0]))
+        tensor([[1., 0., 0.],
+                [0., 1., 0.],
+                [0., 0., 1.]])
+    """
+    w, x, y, z = (quat_wxyz / quat_wxyz.norm(dim=-1, keepdim=True)).unbind(-1)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+
+
+def quat_wxyz_from_matrix(R: Tensor) -> Tensor:
+    """Unit quaternions (w, x, y, z), w >= 0, of rotation matrices (by roma).
+
+    Args:
+        R: (..., 3, 3)
+
+    Returns:
+        (..., 4)
+
+    Example:
+        >>> import torch
+        >>> quat_wxyz_from_matrix(torch.eye(3))
+        tensor([1., 0., 0., 0.])
+    """
+    import roma
+
+    quat_wxyz = roma.quat_xyzw_to_wxyz(roma.rotmat_to_unitquat(R))
+    return torch.where(quat_wxyz[..., :1] < 0, -quat_wxyz, quat_wxyz)
+
+
+def nearest_rotation(M: Tensor) -> Tensor:
+    """The rotation closest to a matrix in the Frobenius norm (polar decomposition by SVD).
+
+    Args:
+        M: (..., 3, 3), finite.
+
+    Returns:
+        (..., 3, 3)
+
+    Example:
+        >>> import torch
+        >>> nearest_rotation(2 * torch.eye(3))
+        tensor([[1., 0., 0.],
+                [0., 1., 0.],
+                [0., 0., 1.]])
+    """
+    U, _, Vh = torch.linalg.svd(M)
+    sign = torch.ones_like(M[..., 0])
+    sign[..., 2] = torch.linalg.det(U @ Vh).sign()
+    return (U * sign[..., None, :]) @ Vh
