@@ -85,7 +85,7 @@ class Robot:
     base: str
     segments: tuple[Segment, ...]
     variables: tuple[Variable, ...]
-    device: torch.device = torch.device("cpu")
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
     dtype: torch.dtype = torch.float64
     _tables: dict[Any, Tables] = field(default_factory=dict, repr=False)
 
@@ -140,24 +140,44 @@ class Robot:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of all that a joint vector means for this robot: names, order, limits, geometry, base and tip."""
+        """Hash of all that a joint vector means: names, order, limits, geometry, base and tip."""
         segments = [(s.link, np.asarray(s.origin).tolist(), *s[3:]) for s in self.segments]
         text = json.dumps([self.base, self.tip, [list(v) for v in self.variables], segments])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @cached_property
     def reach_bound(self) -> float:
-        """A distance from the first moving frame's origin that the tip can never exceed [m]; inf if a slide has no limit.
+        """A distance from the first moving frame's origin that the tip can never exceed [m].
 
-        The sum of the lengths of all later links: an upper bound by the triangle inequality, not the tightest.
+        The sum of the lengths of all later links, by the triangle inequality (so not the tightest); inf if a slide
+        has no limit.
         """
+        return self.wrist_bound + float(self.tables().tool[:3, 3].norm())
+
+    @cached_property
+    def wrist_bound(self) -> float:
+        """The same for the origin of the last moving frame [m]."""
         tables = self.tables()
-        length = float(tables.origins[1:, :3, 3].norm(dim=-1).sum() + tables.tool[:3, 3].norm())
-        for k in torch.nonzero(tables.prismatic).flatten().tolist():
-            low, high = self.variables[int(tables.variable[k])][2:]
-            ends = [float(tables.multiplier[k]) * x + float(tables.offset[k]) for x in (low, high)]
-            length += max(abs(x) for x in ends)
+        length = float(tables.origins[1:, :3, 3].norm(dim=-1).sum())
+        for segment in self.segments:
+            if segment.kind == "prismatic":
+                length += max(abs(x) for x in segment_limits(self, segment))
         return length
+
+    @cached_property
+    def length(self) -> float:
+        """A length that makes metres and radians comparable: the reach bound, or 1 m if that is infinite or 0."""
+        return self.reach_bound if 0 < self.reach_bound < float("inf") else 1.0
+
+    @cached_property
+    def periodic(self) -> Tensor:
+        """(n,) bool, True where adding 2 pi to the variable changes no pose (not so for a mimic joint's 0.5 q)."""
+        turns = [True] * self.dof
+        for segment in self.segments:
+            if segment.kind in MOVING:
+                whole = segment.kind == "revolute" and float(segment.multiplier).is_integer()
+                turns[segment.variable] = turns[segment.variable] and whole
+        return torch.tensor(turns, device=self.device)
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"
@@ -169,9 +189,7 @@ class Robot:
             if not self._tables:
                 self._tables[(torch.float64, torch.device("cpu"))] = _fold(self)
             full = self._tables[(torch.float64, torch.device("cpu"))]
-            self._tables[key] = Tables(
-                *(t.to(device, dtype) if t.is_floating_point() else t.to(device) for t in full)
-            )
+            self._tables[key] = Tables(*(t.to(device, dtype) if t.is_floating_point() else t.to(device) for t in full))
         return self._tables[key]
 
     def expand(self, q: Tensor) -> Tensor:
@@ -311,7 +329,7 @@ def _build_chain(robot: Robot) -> pk.SerialChain:
             joint_type=segment.kind,
             axis=segment.axis,
             dtype=torch.float64,
-            limits=_segment_limits(robot, segment),
+            limits=segment_limits(robot, segment) if segment.kind in MOVING else None,
         )
         frame = Frame(name, Link(name), joint)
         parent.add_child(frame)
@@ -321,9 +339,8 @@ def _build_chain(robot: Robot) -> pk.SerialChain:
     return chain.to(dtype=robot.dtype, device=robot.device)
 
 
-def _segment_limits(robot: Robot, segment: Segment) -> tuple[float, float] | None:
-    if segment.kind not in MOVING:
-        return None
+def segment_limits(robot: Robot, segment: Segment) -> tuple[float, float]:
+    """Range of a moving segment's own joint value, from the limits of its variable."""
     variable = robot.variables[segment.variable]
     ends = [segment.multiplier * x + segment.offset for x in (variable.q_min, variable.q_max)]
     return min(ends), max(ends)

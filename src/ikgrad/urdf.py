@@ -33,7 +33,7 @@ def read_urdf(path: Path, *, base: str | None = None, tip: str | None = None) ->
 
 
 def parse(path: Path) -> yourdfpy.urdf.Robot:
-    """yourdfpy's description of the file, without meshes, scene or log output.
+    """The description that yourdfpy reads from the file, without meshes, scene or log output.
 
     Raises:
         RobotError: not there, not readable, not XML, or not a URDF.

@@ -1,0 +1,1 @@
+"""Inverse kinematics: one call (`solve`), one loop (`loop`), one file per method, one result type (`solution`)."""

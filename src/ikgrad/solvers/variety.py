@@ -1,0 +1,68 @@
+"""Several different solutions of the same pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from ikgrad.solvers.base import Solver
+from ikgrad.solvers.problem import Problem
+from ikgrad.solvers.starts import random_configurations
+
+Attempt = Callable[[Solver, Problem, Tensor | None], tuple[Tensor, Tensor]]
+DIFFERENT = 1e-3  # largest joint change below which two answers are the same solution [rad or m]
+STARTS_PER_SOLUTION = 16
+
+
+def distinct_solutions(
+    solver: Solver, problem: Problem, q0: Tensor | None, k: int, attempt: Attempt
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Up to k different solutions per row, from many starts, sorted by largest joint change from ``q0``.
+
+    Args:
+        solver: the method; run once from each start.
+        problem: B rows.
+        q0: (B, n) where to stay near, or None for the middle of the range.
+        k: how many.
+        attempt: runs the method on a batch.
+
+    Returns:
+        (B, k, n) joints; (B, k) steps of the attempt behind each; (B, k) bool, False where no further solution was
+        found (then the joints are those of some attempt).
+    """
+    rows, n = len(problem.key), problem.robot.dof
+    low, high = problem.robot.sampling_range
+    home = ((low + high) / 2).to(problem.T_target).expand(rows, n) if q0 is None else q0
+    starts = max(32, STARTS_PER_SOLUTION * k)
+    every = torch.arange(rows, device=problem.key.device).repeat_interleave(starts)
+    draw = torch.arange(starts, device=problem.key.device).expand(rows, starts) + (1 << 32)
+    q_start = random_configurations(problem.robot, problem.key, draw)
+    q_start[:, 0] = home
+    q, steps = attempt(solver, problem.rows(every), q_start.flatten(0, 1).clamp(problem.q_min, problem.q_max))
+    met = problem.rows(every).met(*problem.rows(every).measure(q)) & problem.inside(q)
+    q, steps, met = q.view(rows, starts, n), steps.view(rows, starts), met.view(rows, starts)
+    return _pick(problem, q, steps, met, home, k)
+
+
+def _pick(
+    problem: Problem, q: Tensor, steps: Tensor, met: Tensor, home: Tensor, k: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Nearest first, skipping repeats of what was already taken, k times over the whole batch at once."""
+    distance = (q - home[:, None]).abs().amax(dim=-1)  # (B, s)
+    distance = torch.where(met, distance, math.inf)
+    every = torch.arange(len(q), device=q.device)
+    picked_q, picked_steps, found = [], [], []
+    for _ in range(k):
+        best = distance.argmin(dim=1)
+        choice = q[every, best]
+        picked_q.append(choice)
+        picked_steps.append(steps[every, best])
+        found.append(distance[every, best].isfinite())
+        change = q - choice[:, None]
+        turned = change - 2 * math.pi * torch.round(change / (2 * math.pi))
+        change = torch.where(problem.robot.periodic, turned, change)
+        distance = torch.where(change.abs().amax(dim=-1) < DIFFERENT, math.inf, distance)
+    return torch.stack(picked_q, dim=1), torch.stack(picked_steps, dim=1), torch.stack(found, dim=1)
