@@ -26,8 +26,8 @@ def forward_kinematics(robot: Robot, q: Tensor) -> Tensor:
     Example:
         >>> import ikgrad as ik, torch
         >>> robot = ik.load_robot("kr210")
-        >>> ik.forward_kinematics(robot, torch.zeros(6, dtype=torch.float64))[:3, 3]
-        tensor([1.5410, 0.0000, 2.0900], dtype=torch.float64)
+        >>> ik.forward_kinematics(robot, torch.zeros(6, dtype=torch.float64))[0, 3]
+        tensor(1.5410, dtype=torch.float64)
     """
     check_q(robot, q)
     tables = robot.tables(dtype=q.dtype, device=q.device)

@@ -219,7 +219,7 @@ class Robot:
             >>> ik.load_robot("panda").with_tool(gripper).tip
             'tool'
         """
-        origin = np.array(torch.as_tensor(T_flange_tool, dtype=torch.float64), dtype=np.float64)
+        origin = torch.as_tensor(T_flange_tool, dtype=torch.float64).detach().cpu().numpy().copy()
         if origin.shape != (4, 4):
             raise ShapeError(f"T_flange_tool must have shape (4, 4), got {origin.shape}")
         if not is_pose(origin):
@@ -301,14 +301,13 @@ def _fold(robot: Robot) -> Tables:
         if segment.link is not None:
             link_frame.append(len(moving))
             link_offset.append(pending)
-    column = [torch.tensor([getattr(s, key) for s in moving]) for key in ("variable", "multiplier", "offset")]
     return Tables(
         origins=torch.from_numpy(np.stack(origins)),
         axes=torch.tensor([s.axis for s in moving], dtype=torch.float64),
         prismatic=torch.tensor([s.kind == "prismatic" for s in moving]),
-        variable=column[0],
-        multiplier=column[1].double(),
-        offset=column[2].double(),
+        variable=torch.tensor([s.variable for s in moving]),
+        multiplier=torch.tensor([s.multiplier for s in moving], dtype=torch.float64),
+        offset=torch.tensor([s.offset for s in moving], dtype=torch.float64),
         tool=torch.from_numpy(pending),
         link_frame=torch.tensor(link_frame),
         link_offset=torch.from_numpy(np.stack(link_offset)),

@@ -43,7 +43,7 @@ def parse(path: Path) -> yourdfpy.urdf.Robot:
     import yourdfpy
 
     try:
-        with open(path, "rb"), _quiet():
+        with open(path, "rb"), _quiet(), np.errstate(all="ignore"):
             urdf = yourdfpy.URDF.load(
                 str(path),
                 load_meshes=False,
