@@ -1,0 +1,79 @@
+"""Parquet files of numbers, by pyarrow (optional extra ``data``)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ikgrad.errors import DataError
+from ikgrad.files.columns import pick, rechunk
+
+
+def pyarrow_parquet(path: Path) -> tuple[Any, Any]:
+    """The modules ``pyarrow`` and ``pyarrow.parquet``.
+
+    Raises:
+        DataError: pyarrow is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise DataError(f"{path}: Parquet files need pyarrow; pip install 'ikgrad[data]'") from error
+    return pyarrow, pyarrow.parquet
+
+
+class ParquetTable:
+    """The wanted columns of a Parquet file, read in batches. A null is a missing number, NaN.
+
+    Args:
+        path: the file.
+        wanted: columns to read, in this order.
+        ignored: columns that may be there too and are not read.
+
+    Raises:
+        DataError: not a Parquet file, a wrong column, a column that holds no numbers, no rows.
+    """
+
+    def __init__(self, path: Path, wanted: Sequence[str], ignored: Collection[str] = ()):
+        self.path, self.wanted = path, list(wanted)
+        pa, _ = pyarrow_parquet(path)
+        with self._open() as file:
+            schema, self.total = file.schema_arrow, file.metadata.num_rows
+        pick(str(path), schema.names, self.wanted, {*ignored, "__index_level_0__"})  # pandas' row labels
+        for name in self.wanted:
+            kind = schema.field(name).type
+            if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+                raise DataError(f"{path}: column '{name}' must hold numbers, got {kind}")
+        if not self.total:
+            raise DataError(f"{path}: has columns but no rows")
+
+    def chunks(self, rows: int) -> Iterator[np.ndarray]:
+        """Arrays (k, columns) of float64."""
+        return rechunk(self._batches(rows), rows)
+
+    def _batches(self, rows: int) -> Iterator[np.ndarray]:
+        pa, _ = pyarrow_parquet(self.path)
+        with self._open() as file:
+            try:
+                for batch in file.iter_batches(batch_size=rows, columns=self.wanted):
+                    columns = [
+                        batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False) for name in self.wanted
+                    ]
+                    yield np.stack(columns, axis=1)
+            except (pa.ArrowException, OSError) as error:
+                raise DataError(f"{self.path}: is damaged: {_first_line(error)}") from error
+
+    def _open(self) -> Any:
+        pa, parquet = pyarrow_parquet(self.path)
+        try:
+            return parquet.ParquetFile(self.path)
+        except (pa.ArrowException, OSError) as error:
+            raise DataError(f"{self.path}: is not a readable Parquet file: {_first_line(error)}") from error
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
