@@ -1,0 +1,87 @@
+"""Entry of the command ``ikgrad``: build the parser, run a command, turn errors into one line and an exit status.
+
+Exit status: 0 done; 2 a mistake that one line on stderr explains; 130 Ctrl-C; 141 nobody reads the output any more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Sequence
+
+from ikgrad import __version__
+from ikgrad.cli import fk, reproduce, robots, sample, solve
+from ikgrad.cli.parsing import Parser, example
+from ikgrad.cli.terminal import Interrupted, note
+from ikgrad.errors import IkgradError
+
+COMMANDS = (robots, fk, sample, solve, reproduce)  # each has add(commands), which sets run(args)
+
+
+def build_parser() -> Parser:
+    """The parser of all commands; cheap, nothing heavy is imported."""
+    parser = Parser(
+        prog="ikgrad",
+        description="Forward and inverse kinematics for any URDF, for whole files of poses.",
+        epilog=example(
+            "ikgrad sample --robot panda --count 1000 --seed 0 -o poses.csv\n"
+            "ikgrad solve --robot panda poses.csv -o joints.csv"
+        ),
+    )
+    parser.add_argument("--version", action="version", version=f"ikgrad {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, title="commands")
+    for command in COMMANDS:
+        command.add(commands)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line.
+
+    Args:
+        argv: the arguments; default: those of the process.
+
+    Returns:
+        The exit status, see the module docstring.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # waiting threads of torch must not starve the other kernels
+    try:
+        args = build_parser().parse_args(argv)
+        status: int = args.run(args)
+        sys.stdout.flush()
+        return status
+    except SystemExit as stop:  # argparse: help was printed, or a mistake was explained
+        return stop.code if isinstance(stop.code, int) else 2
+    except Interrupted as stop:
+        note(str(stop))
+        return 130
+    except KeyboardInterrupt:
+        note("interrupted; nothing was written")
+        return 130
+    except BrokenPipeError:
+        _silence_stdout()
+        return 141
+    except IkgradError as error:
+        note(str(error))
+    except OSError as error:
+        _silence_stdout()
+        note(describe(error))
+    except MemoryError:
+        note("out of memory; give fewer rows at a time")
+    return 2
+
+
+def describe(error: OSError) -> str:
+    """What the system says, with the file that it says it of."""
+    reason = error.strerror or str(error)
+    return f"{error.filename}: {reason}" if error.filename else f"cannot write: {reason}"
+
+
+def _silence_stdout() -> None:
+    """What is still buffered must not fail once more when the interpreter closes stdout."""
+    with contextlib.suppress(OSError, ValueError):  # no real file behind it
+        try:
+            sys.stdout.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,203 @@
+"""``ikgrad solve``: joint values for a file of poses."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ikgrad.cli.parsing import Commands, add_robot_options, count, example, mask, positive, seed
+from ikgrad.cli.terminal import Progress, duration, print_json, print_table
+from ikgrad.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ikgrad.cli.solve_job import Job, Summary
+
+SOLVERS = {"lm": "LevenbergMarquardt", "apps": "Apps", "newton": "NewtonRaphson"}
+CHUNK = {"lm": 16_384, "apps": 2_048, "newton": 2_048}  # the slow methods are interrupted at a smaller loss
+
+DESCRIPTION = """\
+inverse kinematics for a file of poses: one row of joint values per pose, with errors, success and reason.
+
+POSES is CSV or Parquet with the columns x_m,y_m,z_m,qw,qx,qy,qz, or NPY or NPZ with (N, 4, 4) matrices.
+A pose that cannot be solved is no error: its row says why (unreachable, joint_limits, no_convergence,
+invalid_target) and the exit status is 0. The exit status is 2 for a mistake and 130 for Ctrl-C, which keeps
+what is finished in OUTPUT.partial; the same command with --resume goes on from there."""
+
+
+def add(commands: Commands) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "solve",
+        help="inverse kinematics for a file of poses",
+        description=DESCRIPTION,
+        epilog=example(
+            "ikgrad solve --robot panda poses.csv -o joints.csv\n"
+            "ikgrad solve --robot arm.urdf --tip tool0 poses.npy -o joints.parquet --solutions 4 --plot report.png"
+        ),
+    )
+    add_robot_options(parser)
+    parser.add_argument("poses", metavar="POSES", help="pose file: CSV, NPY, NPZ or Parquet")
+    parser.add_argument("-o", "--output", required=True, metavar="JOINTS", help="CSV, NPZ or Parquet, by suffix")
+    _add_method(parser)
+    parser.add_argument("--repair", action="store_true", help="replace what is no rotation by the nearest rotation")
+    parser.add_argument("--force", action="store_true", help="overwrite existing outputs")
+    parser.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
+    parser.add_argument(
+        "--chunk", type=count, metavar="ROWS", help="rows solved and kept at a time (16384; apps: 2048)"
+    )
+    parser.add_argument("--plot", metavar="FILE", help="also draw errors, steps and reasons (PNG, PDF or SVG)")
+    parser.add_argument("--json", action="store_true", help="print the summary as one JSON document")
+    parser.set_defaults(run=run)
+
+
+def _add_method(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--q0", metavar="FILE", help="joint file to start from and stay near: a row per pose, or one")
+    parser.add_argument("--solver", choices=list(SOLVERS), default="lm", help="lm (default), apps or newton")
+    parser.add_argument("--solutions", type=count, default=1, metavar="K", help="different solutions per pose")
+    parser.add_argument("--tol-pos", type=positive, default=1e-6, metavar="M", help="largest error [m] (1e-6)")
+    parser.add_argument("--tol-rot", type=positive, default=1e-6, metavar="RAD", help="largest error [rad] (1e-6)")
+    parser.add_argument("--no-limits", action="store_true", help="ignore the joint limits")
+    text = "which of x,y,z,rx,ry,rz count, along the target's axes; 1,1,1,0,0,0 is position only"
+    parser.add_argument("--mask", type=mask, metavar="1,1,1,0,0,0", help=text)
+    parser.add_argument("--seed", type=seed, default=0, help="of the random restarts (default 0)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Solve the file, write the joints, print the summary."""
+    output = _check_places(args)
+    from ikgrad.cli.solve_job import keeping
+    from ikgrad.files import PartialRun
+
+    job = _job(args, output)
+    parts = PartialRun.open(output, job.manifest(), resume=args.resume, force=args.force)
+    arrays: dict[str, np.ndarray] | None = {} if args.plot else None
+    begin = time.perf_counter()
+    with keeping(parts, keep_on_error=False), Progress("solve", job.poses.total, "poses") as progress:
+        job.solve(parts, progress)
+        rate = progress.rate
+    with keeping(parts, keep_on_error=True):
+        summary = job.assemble(parts, output, force=args.force, keep=arrays)
+    parts.discard()
+    if arrays is not None:
+        _plot(arrays, args, job)
+    _report(args, job, summary, rate, time.perf_counter() - begin)
+    return 0
+
+
+def _check_places(args: argparse.Namespace) -> Path:
+    """All that can be wrong about outputs, before any work is done."""
+    from ikgrad.files.joints import OUT_SUFFIXES
+    from ikgrad.files.places import check_output
+
+    inputs = [args.poses] + ([args.q0] if args.q0 else [])
+    output = check_output(args.output, OUT_SUFFIXES, force=args.force, inputs=inputs)
+    if args.plot:
+        plot = check_output(args.plot, (".png", ".pdf", ".svg"), force=args.force, inputs=inputs)
+        if plot.absolute() == output.absolute():
+            raise ConfigError("-o and --plot name the same file")
+    return output
+
+
+def _job(args: argparse.Namespace, output: Path) -> Job:
+    import ikgrad as ik
+    from ikgrad.cli.solve_job import Job
+    from ikgrad.files import open_joints, open_poses
+    from ikgrad.files.joints import check_joint_names
+
+    robot = ik.load_robot(args.robot, base=args.base, tip=args.tip)
+    check_joint_names(output, robot)
+    settings: dict[str, Any] = {
+        "solver": getattr(ik, SOLVERS[args.solver])(),
+        "solutions": args.solutions,
+        "tol_pos": args.tol_pos,
+        "tol_rot": args.tol_rot,
+        "limits": not args.no_limits,
+        "mask": args.mask,
+        "seed": args.seed,
+    }
+    return Job(
+        robot=robot,
+        poses=open_poses(args.poses, repair=args.repair),
+        q0=open_joints(args.q0, robot) if args.q0 else None,
+        settings=settings,
+        chunk=args.chunk or max(1, CHUNK[args.solver] // args.solutions),
+    )
+
+
+def _plot(arrays: dict[str, np.ndarray], args: argparse.Namespace, job: Job) -> None:
+    from ikgrad.figures_solve import solve_summary
+    from ikgrad.files.places import in_one_move
+
+    title = f"{job.robot.name}: {job.poses.total:,} poses, {SOLVERS[args.solver]}"
+    with in_one_move(Path(args.plot), force=args.force) as temporary:
+        solve_summary(
+            arrays["position_error_m"],
+            arrays["rotation_error_rad"],
+            arrays["steps"],
+            arrays["reason"],
+            temporary,
+            title=title,
+        )
+
+
+def _report(args: argparse.Namespace, job: Job, summary: Summary, rate: float, seconds: float) -> None:
+    if args.json:
+        print_json(_document(args, job, summary, rate, seconds))
+        return
+    rows = [["solved", f"{summary.solved:,} of {summary.poses:,} ({100 * summary.solved / summary.poses:.2f} %)"]]
+    if args.solutions > 1:
+        rows.append(["solutions found", f"{summary.found:,}, {summary.found / summary.poses:.2f} per pose"])
+    rows += [[f"failed: {reason}", f"{number:,}"] for reason, number in summary.failed.most_common()]
+    if summary.solved:
+        worst = f"{summary.worst_position:.2g} m, {summary.worst_rotation:.2g} rad"
+        rows.append(["worst errors of the solved", worst])
+    rows += [["speed", f"{rate:,.0f} poses/s"], ["time", duration(seconds)], ["written", args.output]]
+    if args.plot:
+        rows.append(["drawn", args.plot])
+    print_table(f"ikgrad solve: {job.robot.name}, {args.solver}", ["", ""], rows)
+    for line in _bad_targets(summary, args.repair):
+        print(line)
+
+
+def _bad_targets(summary: Summary, repair: bool) -> list[str]:
+    lines = []
+    worst = f"max |R^T R - I| up to {summary.worst_deviation:.3g}"
+    if summary.not_finite:
+        lines.append(f"{summary.not_finite:,} poses are not finite or have a number missing.")
+    bent = summary.not_rigid - summary.mirrored
+    if bent:
+        advice = "; no rotation is near enough to repair them." if repair else "; --repair projects them."
+        lines.append(f"{bent:,} poses are no rotation: {worst}{advice}")
+    if summary.mirrored:
+        lines.append(f"{summary.mirrored:,} poses are mirrored, or their last row is not 0 0 0 1 (transposed?).")
+    if summary.repaired:
+        lines.append(f"{summary.repaired:,} poses were repaired: {worst}.")
+    return lines
+
+
+def _document(args: argparse.Namespace, job: Job, summary: Summary, rate: float, seconds: float) -> dict[str, Any]:
+    return {
+        "robot": job.robot.name,
+        "solver": args.solver,
+        "poses": summary.poses,
+        "solved": summary.solved,
+        "solutions_found": summary.found,
+        "failed": dict(summary.failed),
+        "worst_position_error_m": summary.worst_position,
+        "worst_rotation_error_rad": summary.worst_rotation,
+        "poses_per_second": rate,
+        "seconds": seconds,
+        "invalid": {
+            "not_finite": summary.not_finite,
+            "no_rigid_transform": summary.not_rigid,
+            "mirrored_or_wrong_last_row": summary.mirrored,
+            "repaired": summary.repaired,
+            "worst_deviation": summary.worst_deviation,
+        },
+        "output": args.output,
+        "plot": args.plot,
+    }
