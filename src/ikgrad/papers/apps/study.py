@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -84,7 +85,11 @@ def run_study(config: AppsConfig | None = None, *, progress: Progress | None = N
         >>> run_study(quick).to_json()["iterations"]
         [438, 256, 316, 618, 278, 233, 281]
     """
-    config = config or AppsConfig()
+    with _one_thread():
+        return _run(config or AppsConfig(), progress)
+
+
+def _run(config: AppsConfig, progress: Progress | None) -> AppsStudy:
     methods = compare.random_methods(config) if config.random_starts else {}
     show = _counter(progress, total=7 + 3 + len(methods))
     apps = {"reproduces": Apps.reproduces(), "printed": Apps.printed()}[config.preset]
@@ -118,6 +123,17 @@ def run_study(config: AppsConfig | None = None, *, progress: Progress | None = N
         errata=errata(motions, literal, printed),
         checks=check(tables, newton[0], printed, literal),
     )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """One torch thread for a while: with tensors this small, threads wait for each other, up to ten times as long."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _counter(progress: Progress | None, total: int) -> Callable[[str], None]:
