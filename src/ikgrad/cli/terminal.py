@@ -30,7 +30,7 @@ def print_table(
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=any(columns))
     for k, name in enumerate(columns):
-        table.add_column(name, justify="right" if k in right else "left")
+        table.add_column(Text(name), justify="right" if k in right else "left")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     print(title, flush=True)

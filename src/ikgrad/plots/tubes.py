@@ -38,19 +38,20 @@ def arm_mesh(points: np.ndarray, radius: float, *, skip: np.ndarray | None = Non
     for k in range(len(xyz) - 1):
         if not (same[k] and same[k + 1]):
             cut = 0.8 * widths[k : k + 2] * (k > 0, 1)
-            parts.append(tube(*_between_balls(xyz[k : k + 2], cut), widths[k], widths[k + 1]))
+            start, end = _between_balls(xyz[k : k + 2], cut)
+            parts.append(tube(start, end, widths[k], widths[k + 1]))
         if k > 0 and not same[k]:
             parts.append(ball(xyz[k], 1.3 * widths[k]))
     parts.append(ball(xyz[-1], 0.9 * widths[-1]))
     return Mesh(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _between_balls(ends: np.ndarray, cut: np.ndarray) -> np.ndarray:
+def _between_balls(ends: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Both ends of a tube moved inwards, so that no face of it lies inside a ball (depth sorting would show it)."""
     length = np.linalg.norm(ends[1] - ends[0])
     along = (ends[1] - ends[0]) / length
     cut = np.minimum(cut, 0.4 * length)
-    return np.stack([ends[0] + cut[0] * along, ends[1] - cut[1] * along])
+    return ends[0] + cut[0] * along, ends[1] - cut[1] * along
 
 
 def tube(start: np.ndarray, end: np.ndarray, r_start: float, r_end: float) -> Mesh:

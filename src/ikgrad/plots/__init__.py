@@ -1,0 +1,20 @@
+"""Figures: one style, one function per kind of picture; plain arrays in, a matplotlib ``Figure`` out.
+
+No pyplot, no display, no global state: figures are drawn by Agg or written as SVG by `save_figure`. Colours are Okabe
+and Ito's, which people with any colour vision can tell apart; every axis names its unit.
+"""
+
+from ikgrad.plots.arm import arm_path
+from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
+from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled
+
+__all__ = [
+    "PALETTE",
+    "arm_path",
+    "comparison_bars",
+    "convergence",
+    "learning_rates",
+    "new_figure",
+    "save_figure",
+    "styled",
+]
