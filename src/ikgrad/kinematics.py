@@ -1,9 +1,15 @@
-"""Forward kinematics, Jacobian and pose error: any batch shape, device and dtype, differentiable twice."""
+"""Forward kinematics, Jacobian and pose error: any batch shape, device and dtype, differentiable twice.
+
+Float64 tensors on the CPU go through the compiled kernels of `ikgrad.engine`; everything else (CUDA, float32, second
+derivatives, ``vmap``, ``torch.compile``) takes the plain torch path below, which is also what the kernels are tested
+against.
+"""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from ikgrad.errors import ShapeError
 from ikgrad.robot import Robot, Tables
@@ -30,8 +36,11 @@ def forward_kinematics(robot: Robot, q: Tensor) -> Tensor:
         tensor(1.5410, dtype=torch.float64)
     """
     check_q(robot, q)
-    tables = robot.tables(dtype=q.dtype, device=q.device)
-    return _moving_frames(tables, q)[-1] @ tables.tool
+    if takes_kernels(robot, q):
+        from ikgrad.engine.autograd import forward_kinematics as compiled
+
+        return compiled(robot, q)
+    return plain_forward_kinematics(robot, q)
 
 
 def link_poses(robot: Robot, q: Tensor) -> Tensor:
@@ -76,7 +85,29 @@ def jacobian(robot: Robot, q: Tensor) -> Tensor:
         torch.Size([2, 5, 6, 7])
     """
     check_q(robot, q)
+    if takes_kernels(robot, q) and not (q.requires_grad and torch.is_grad_enabled()):
+        from ikgrad.engine.autograd import jacobian as compiled
+
+        return compiled(robot, q)
     return pose_and_jacobian(robot, q)[1]
+
+
+def takes_kernels(robot: Robot, q: Tensor) -> bool:
+    """True if the compiled kernels can serve: float64 on the CPU, and no transform that must see torch operations."""
+    return (
+        q.dtype == torch.float64
+        and q.device.type == "cpu"
+        and robot.geometry is None
+        and not torch.compiler.is_compiling()
+        and not torch._C._are_functorch_transforms_active()  # vmap, jacrev, ...
+        and forward_ad._current_level < 0
+    )
+
+
+def plain_forward_kinematics(robot: Robot, q: Tensor) -> Tensor:
+    """`forward_kinematics` in torch operations alone."""
+    tables = robot.tables(dtype=q.dtype, device=q.device)
+    return _moving_frames(tables, q)[-1] @ tables.tool
 
 
 def pose_and_jacobian(robot: Robot, q: Tensor) -> tuple[Tensor, Tensor]:

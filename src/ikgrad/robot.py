@@ -68,6 +68,13 @@ class Tables(NamedTuple):
     link_offset: Tensor  # (links, 4, 4) the link in that frame
 
 
+class Geometry(NamedTuple):
+    """Link parameters as tensors, for gradients with respect to them."""
+
+    origins: Tensor  # (m, 4, 4)
+    tool: Tensor  # (4, 4)
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """An open kinematic chain. Made by `load_robot` or `Robot.from_dh`, never changed.
@@ -79,6 +86,7 @@ class Robot:
         variables: the joints that ``q`` holds, in order.
         device: device of ``q_min``, ``q_max`` and ``chain``.
         dtype: their dtype; float64 unless `to` was called.
+        geometry: joint origins and tool that replace those of the segments, see `with_geometry`.
     """
 
     name: str
@@ -87,6 +95,7 @@ class Robot:
     variables: tuple[Variable, ...]
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
     dtype: torch.dtype = torch.float64
+    geometry: Geometry | None = None
     _tables: dict[Any, Tables] = field(default_factory=dict, repr=False)
 
     @property
@@ -142,7 +151,8 @@ class Robot:
     def fingerprint(self) -> str:
         """Hash of all that a joint vector means: names, order, limits, geometry, base and tip."""
         segments = [(s.link, np.asarray(s.origin).tolist(), *s[3:]) for s in self.segments]
-        text = json.dumps([self.base, self.tip, [list(v) for v in self.variables], segments])
+        new = None if self.geometry is None else [t.tolist() for t in self.geometry]
+        text = json.dumps([self.base, self.tip, [list(v) for v in self.variables], segments, new])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @cached_property
@@ -169,6 +179,11 @@ class Robot:
         """A length that makes metres and radians comparable: the reach bound, or 1 m if that is infinite or 0."""
         return self.reach_bound if 0 < self.reach_bound < float("inf") else 1.0
 
+    @property
+    def requires_grad(self) -> bool:
+        """True if gradients with respect to the `geometry` are wanted."""
+        return self.geometry is not None and any(t.requires_grad for t in self.geometry)
+
     @cached_property
     def periodic(self) -> Tensor:
         """(n,) bool, True where adding 2 pi to the variable changes no pose (not so for a mimic joint's 0.5 q)."""
@@ -186,11 +201,15 @@ class Robot:
         """The chain as tensors of a dtype and device (kept after the first call)."""
         key = (dtype, torch.device(device))
         if key not in self._tables:
-            if not self._tables:
-                self._tables[(torch.float64, torch.device("cpu"))] = _fold(self)
-            full = self._tables[(torch.float64, torch.device("cpu"))]
+            home = (torch.float64, torch.device("cpu"))
+            full = self._tables[home] if self._tables else self._tables.setdefault(home, _fold(self))
             self._tables[key] = Tables(*(t.to(device, dtype) if t.is_floating_point() else t.to(device) for t in full))
-        return self._tables[key]
+        before = self._tables[key]
+        if self.geometry is None:
+            return before
+        origins, tool = (t.to(device, dtype) for t in self.geometry)
+        link_offset = torch.cat([before.link_offset[:-1], tool[None]])
+        return before._replace(origins=origins, tool=tool, link_offset=link_offset)
 
     def expand(self, q: Tensor) -> Tensor:
         """Joint values of every moving segment, mimic joints included: (..., n) -> (..., m)."""
@@ -228,6 +247,40 @@ class Robot:
             name += "_"
         segment = Segment(f"{name}_joint", name, origin)
         return replace(self, segments=(*self.segments, segment), _tables={})
+
+    def with_geometry(self, *, origins: Tensor | None = None, tool: Tensor | None = None) -> Robot:
+        """The same robot with other link parameters, through which gradients flow.
+
+        The chain is A_k = origins_k motion_k(q), T = A_1 ... A_m tool, over the m moving joints (fixed links folded
+        in): ``robot.tables().origins`` and ``.tool`` are the present values. Links other than the tip keep their
+        place in the moving frame that carries them. ``chain`` has the new values, detached.
+
+        Args:
+            origins: (m, 4, 4) joint origins, q = 0.
+            tool: (4, 4) from the last moving frame to the tip.
+
+        Example:
+            >>> import ikgrad as ik, torch
+            >>> robot = ik.load_robot("ur5e")
+            >>> tool = robot.tables().tool.clone().requires_grad_()
+            >>> T = ik.forward_kinematics(robot.with_geometry(tool=tool), torch.zeros(6).double())
+            >>> torch.autograd.grad(T[2, 3], tool)[0][1, 3]
+            tensor(1., dtype=torch.float64)
+        """
+        now = self.tables()
+        new = Geometry(now.origins if origins is None else origins, now.tool if tool is None else tool)
+        for name, value, shape in (("origins", new.origins, now.origins.shape), ("tool", new.tool, now.tool.shape)):
+            if value.shape != shape:
+                raise ShapeError(
+                    f"{name} must have shape {tuple(shape)} for robot '{self.name}', got {tuple(value.shape)}"
+                )
+        return replace(self, geometry=new)
+
+    def detach(self) -> Robot:
+        """The same robot with its `geometry` cut off from autograd; itself if it has none."""
+        if self.geometry is None:
+            return self
+        return replace(self, geometry=Geometry(*(t.detach() for t in self.geometry)))
 
     @staticmethod
     def from_dh(
@@ -320,7 +373,7 @@ def _build_chain(robot: Robot) -> pk.SerialChain:
     from pytorch_kinematics.frame import Frame, Joint, Link
 
     root = parent = Frame(robot.base, Link(robot.base))
-    for k, segment in enumerate(robot.segments):
+    for k, segment in enumerate(robot.segments if robot.geometry is None else _with_new_geometry(robot)):
         name = segment.link or f"{segment.joint}/{k}"
         joint = Joint(
             name=f"{segment.joint}/{k}" if segment.link is None else segment.joint,
@@ -336,6 +389,15 @@ def _build_chain(robot: Robot) -> pk.SerialChain:
     full = pk.chain.Chain(root, dtype=torch.float64)
     chain = pk.SerialChain(full, parent.name, robot.base, dtype=torch.float64)
     return chain.to(dtype=robot.dtype, device=robot.device)
+
+
+def _with_new_geometry(robot: Robot) -> list[Segment]:
+    """The moving segments and the tool with the origins of ``robot.geometry``."""
+    tables = robot.tables()
+    moving = [s for s in robot.segments if s.kind in MOVING]
+    origins = [*tables.origins.detach().numpy(), tables.tool.detach().numpy()]
+    names = [s._replace(link=None) for s in moving] + [Segment("tool_joint", robot.tip, np.eye(4))]
+    return [s._replace(origin=origin) for s, origin in zip(names, origins, strict=True)]
 
 
 def segment_limits(robot: Robot, segment: Segment) -> tuple[float, float]:

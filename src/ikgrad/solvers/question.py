@@ -48,7 +48,7 @@ def ask(
         valid = valid & start.isfinite().all(dim=-1)
         start = torch.where(valid[:, None], start, torch.zeros_like(start))
     problem = Problem(
-        robot=robot.to(T.device, torch.float64),
+        robot=robot.detach().to(T.device, torch.float64),
         T_target=T,
         key=row_keys(T, start, seed),
         q_min=_limit(robot.q_min, limits, T, -math.inf),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -11,11 +12,12 @@ from torch import Tensor
 from ikgrad.errors import ConfigError, ShapeError
 from ikgrad.robot import Robot
 from ikgrad.solvers.base import Solver, State
+from ikgrad.solvers.implicit import attach_gradient
 from ikgrad.solvers.judge import judge, whole_turns
 from ikgrad.solvers.levenberg import LevenbergMarquardt, best_start
 from ikgrad.solvers.loop import run
 from ikgrad.solvers.problem import Problem
-from ikgrad.solvers.question import ask
+from ikgrad.solvers.question import Question, ask
 from ikgrad.solvers.solution import IKSolution, Reason
 from ikgrad.solvers.variety import distinct_solutions
 
@@ -34,6 +36,10 @@ def solve_ik(
     seed: int = 0,
 ) -> IKSolution:
     """Joint values that bring the tip to a pose, for any batch of poses.
+
+    Gradients flow from ``q`` to ``T_target``, and to link parameters given by `Robot.with_geometry`, by the implicit
+    function theorem, whatever method found the answer: dq = J_f^+ de. Joints that stand at a limit are held;
+    redundant arms take the smallest joint motion; failed rows have zero gradient (see ``success``).
 
     Rows are independent of each other. Work is done in float64 whatever the dtype; the answer has the dtype of
     ``T_target``. Success is never the method's own claim: the errors are recomputed by forward kinematics.
@@ -72,27 +78,53 @@ def solve_ik(
     if solutions < 1:
         raise ConfigError(f"solutions must be at least 1, got {solutions}")
     solver = LevenbergMarquardt() if solver is None else solver
-    problem, start, valid = ask(
-        robot, T_target, q0=q0, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
-    )
-    shape, count = T_target.shape[:-2], len(valid)
+    question = ask(robot, T_target, q0=q0, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed)
+    with torch.no_grad():
+        if solutions == 1:
+            answer, shape = _one(solver, question, T_target.dtype), tuple(T_target.shape[:-2])
+        else:
+            answer, shape = _several(solver, question, solutions, T_target.dtype), (*T_target.shape[:-2], solutions)
+    if torch.is_grad_enabled() and (T_target.requires_grad or robot.requires_grad):
+        answer = _differentiable(robot, T_target, answer, question.problem, solutions)
+    return _reshape(answer, shape)
+
+
+def _one(solver: Solver, question: Question, dtype: torch.dtype) -> IKSolution:
+    """One solution a row."""
+    problem, start, valid = question
     rows = torch.nonzero(valid).flatten()
     q = middle(problem) if start is None else start.clone()
-    steps = torch.zeros(count, dtype=torch.int64, device=valid.device)
+    steps = torch.zeros(len(valid), dtype=torch.int64, device=valid.device)
     near = None if start is None else start[rows]
-    if solutions == 1:
-        q[rows], steps[rows] = _attempt(solver, problem.rows(rows), near)
-        answer = judge(solver, problem, q, steps, valid, T_target.dtype)
-        return _reshape(answer, shape)
-    q, steps = (x.repeat_interleave(solutions, dim=0).view(count, solutions, *x.shape[1:]) for x in (q, steps))
+    q[rows], steps[rows] = _attempt(solver, problem.rows(rows), near)
+    return judge(solver, problem, q, steps, valid, dtype)
+
+
+def _several(solver: Solver, question: Question, k: int, dtype: torch.dtype) -> IKSolution:
+    """Several (k) solutions a row, flat: (B * k, ...)."""
+    problem, start, valid = question
+    rows = torch.nonzero(valid).flatten()
+    every = torch.arange(len(valid), device=valid.device).repeat_interleave(k)
+    home = middle(problem) if start is None else start
+    q = home[every].view(-1, k, home.shape[-1])
+    steps = torch.zeros(len(valid), k, dtype=torch.int64, device=valid.device)
     found = torch.zeros_like(steps, dtype=torch.bool)
-    q[rows], steps[rows], found[rows] = distinct_solutions(solver, problem.rows(rows), near, solutions, _attempt)
-    every = torch.arange(count, device=valid.device).repeat_interleave(solutions)
-    answer = judge(solver, problem.rows(every), q.flatten(0, 1), steps.flatten(), valid[every], T_target.dtype)
+    near = None if start is None else start[rows]
+    q[rows], steps[rows], found[rows] = distinct_solutions(solver, problem.rows(rows), near, k, _attempt)
+    answer = judge(solver, problem.rows(every), q.flatten(0, 1), steps.flatten(), valid[every], dtype)
     repeated = ~found.flatten() & answer.success
     answer.success[repeated] = False
     answer.reason_code[repeated] = Reason.no_convergence
-    return _reshape(answer, (*shape, solutions))
+    return answer
+
+
+def _differentiable(robot: Robot, T_target: Tensor, answer: IKSolution, problem: Problem, k: int) -> IKSolution:
+    """The answer with gradients to the target and the geometry."""
+    T = T_target.reshape(-1, 4, 4).to(torch.float64).repeat_interleave(k, dim=0)
+    q = answer.q.double()
+    at_limit = (q == problem.q_min) | (q == problem.q_max)
+    q = attach_gradient(robot, q, T, success=answer.success, held=at_limit, mask=problem.mask)
+    return replace(answer, q=q.to(T_target.dtype))
 
 
 def middle(problem: Problem) -> Tensor:
