@@ -51,7 +51,7 @@ def cache_folder() -> Path | None:
     return None
 
 
-class _Locator(caching._CacheLocator):  # type: ignore[misc]
+class _Locator(caching._CacheLocator):
     def __init__(self, py_func: Any) -> None:
         self._name = py_func.__module__.replace(".", "-")
 
@@ -69,17 +69,17 @@ class _Locator(caching._CacheLocator):  # type: ignore[misc]
         return self._name
 
 
-class _CacheImpl(caching.CompileResultCacheImpl):  # type: ignore[misc]
-    _locator_classes = [_Locator]  # noqa: RUF012
+class _CacheImpl(caching.CompileResultCacheImpl):
+    _locator_classes: Any = [_Locator]  # noqa: RUF012
 
 
-class _Cache(caching.FunctionCache):  # type: ignore[misc]
+class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Decorator: compile a function of flat arrays at its first call, without the interpreter lock, and keep it."""
-    compiled = njit(nogil=True)(function)
+    compiled: Any = njit(nogil=True)(function)
     if cache_folder() is not None:
         compiled._cache = _Cache(function)
     _kernels.append(compiled)

@@ -9,7 +9,7 @@ from numba import njit
 
 from ikgrad.engine.cache import kernel
 from ikgrad.engine.simd import W, load, load_column, splat, store, transpose
-from ikgrad.engine.vecmath import sincos
+from ikgrad.engine.vecmath import cross, sincos
 
 WALK = 6 * W  # floats a joint that `walk` leaves behind: its axis z and its origin p, eight lanes each
 
@@ -20,12 +20,6 @@ def aligned(size: int) -> Any:
     raw = np.empty(size + 8)
     skip = (64 - raw.ctypes.data % 64) // 8 % 8
     return raw[skip : skip + size]
-
-
-@njit(forceinline=True)
-def cross(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any) -> Any:
-    """Cross product a x b."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 @njit(forceinline=True)
@@ -189,7 +183,7 @@ def _vjp_block(frame: Any, tool: Any, joints: Any, kinds: Any, frames: Any, g: A
 
 
 @njit(forceinline=True)
-def _padded(source: Any, row: int, rows: int, n: int) -> Any:
+def padded(source: Any, row: int, rows: int, n: int) -> Any:
     """The last few rows, filled up to eight with copies of the last one."""
     block = np.empty(W * n)
     for lane in range(W):
@@ -210,7 +204,7 @@ def fk_rows(base: Any, joints: Any, kinds: Any, tool: Any, q: Any, T: Any, first
         if row + W <= last:
             gather_rows(q, row, n, lanes)
         else:
-            gather_rows(_padded(q, row, last, n), 0, n, lanes)
+            gather_rows(padded(q, row, last, n), 0, n, lanes)
         frame = walk(base, joints, kinds, lanes, frames)
         if row + W <= last:
             _pose_block(frame, tool, T, row, out)
@@ -228,7 +222,7 @@ def jacobian_rows(base: Any, joints: Any, kinds: Any, tool: Any, q: Any, J: Any,
     row = first
     while row < last:
         whole = row + W <= last
-        gather_rows(q if whole else _padded(q, row, last, n), row if whole else 0, n, lanes)
+        gather_rows(q if whole else padded(q, row, last, n), row if whole else 0, n, lanes)
         frame = walk(base, joints, kinds, lanes, frames)
         _jacobian_block(frame, tool, joints, kinds, frames, n, out)
         if whole:
@@ -251,8 +245,8 @@ def vjp_rows(
     while row < last:
         whole = row + W <= last
         at = row if whole else 0
-        gather_rows(q if whole else _padded(q, row, last, n), at, n, lanes)
-        gather_rows(g if whole else _padded(g, row, last, 16), at, 16, g_lanes)
+        gather_rows(q if whole else padded(q, row, last, n), at, n, lanes)
+        gather_rows(g if whole else padded(g, row, last, 16), at, 16, g_lanes)
         frame = walk(base, joints, kinds, lanes, frames)
         _vjp_block(frame, tool, joints, kinds, frames, g_lanes, n, out)
         if whole:

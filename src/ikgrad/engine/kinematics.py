@@ -36,7 +36,7 @@ def fk(chain: PackedChain, q: Array, *, threads: int = 1) -> Array:
     rows, n = q.shape
     T = np.empty((rows, 4, 4))
     flat, out = _flat(q), T.reshape(-1)
-    base, joints, kinds, tool = chain[:4]
+    base, joints, kinds, tool = chain.base, chain.joints, chain.kinds, chain.tool
     run = prepare(fk_rows)
     for_chunks(lambda a, b: run(base, joints, kinds, tool, flat, out, a, b, n), rows, _CHUNK, threads)
     return T
@@ -56,7 +56,7 @@ def jacobian(chain: PackedChain, q: Array, *, threads: int = 1) -> Array:
     rows, n = q.shape
     J = np.empty((rows, 6, n))
     flat, out = _flat(q), J.reshape(-1)
-    base, joints, kinds, tool = chain[:4]
+    base, joints, kinds, tool = chain.base, chain.joints, chain.kinds, chain.tool
     run = prepare(jacobian_rows)
     for_chunks(lambda a, b: run(base, joints, kinds, tool, flat, out, a, b, n), rows, _CHUNK, threads)
     return J
@@ -81,7 +81,7 @@ def fk_vjp(chain: PackedChain, q: Array, grad_T: Array, *, threads: int = 1) -> 
     rows, n = q.shape
     grad = np.empty((rows, n))
     flat, g, out = _flat(q), _flat(grad_T), grad.reshape(-1)
-    base, joints, kinds, tool = chain[:4]
+    base, joints, kinds, tool = chain.base, chain.joints, chain.kinds, chain.tool
     run = prepare(vjp_rows)
     for_chunks(lambda a, b: run(base, joints, kinds, tool, flat, g, out, a, b, n), rows, _CHUNK, threads)
     return grad

@@ -15,7 +15,7 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
@@ -157,6 +157,18 @@ def store(typingctx, array, offset, value):  # type: ignore[no-untyped-def]
 
 
 @_intrinsic
+def load_single(typingctx, array, offset):  # type: ignore[no-untyped-def]
+    """Vec from eight float32 neighbours in memory."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        singles = ir.VectorType(ir.FloatType(), W)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], singles)
+        return builder.fpext(builder.load(pointer, align=4), _VEC)
+
+    return Vec(array, types.int64), codegen
+
+
+@_intrinsic
 def load_column(typingctx, array, offset, stride):  # type: ignore[no-untyped-def]
     """Vec whose lane i is element ``offset + i * stride``: one column of eight rows."""
 
@@ -224,6 +236,26 @@ def sqrt(typingctx, x):  # type: ignore[no-untyped-def]
 def fabs(typingctx, x):  # type: ignore[no-untyped-def]
     """Absolute value of each lane."""
     return Vec(Vec), _unary("llvm.fabs")
+
+
+@_intrinsic
+def floor(typingctx, x):  # type: ignore[no-untyped-def]
+    """Largest integer at or below each lane."""
+    return Vec(Vec), _unary("llvm.floor")
+
+
+@_intrinsic
+def lowest(typingctx, x):  # type: ignore[no-untyped-def]
+    """The lane with the smallest number, the first of several; 8 if all are NaN."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(_F64, [_VEC])
+        reduce = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fmin.v{W}f64")
+        least = builder.fcmp_ordered("==", args[0], _splat(builder, builder.call(reduce, args)))
+        found = builder.zext(builder.bitcast(least, ir.IntType(W)), _I64)
+        return builder.cttz(builder.or_(found, ir.Constant(_I64, 1 << W)), ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(Vec), codegen
 
 
 @_intrinsic

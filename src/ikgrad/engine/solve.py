@@ -45,6 +45,8 @@ def solve(
     max_step: float = 0.8,
     stall: float = 0.7,
     patience: int = 5,
+    near: float = 1e-2,
+    guesses: int = 8,
     threads: int = 1,
 ) -> Solved:
     """Levenberg-Marquardt from several starts until one reaches the target.
@@ -64,7 +66,9 @@ def solve(
         damping: mu = damping |e|^2.
         max_step: largest change of a joint in a step [rad], for slides times the arm's typical length.
         stall: a start is given up when the error falls to no less than this fraction in three steps ...
-        patience: ... after this many steps.
+        patience: ... after this many steps,
+        near: ... unless its error is below this (rad, or typical lengths), which often is a slow end.
+        guesses: starts taken from the robot's table of configurations before random ones.
         threads: threads to use.
 
     Returns:
@@ -74,11 +78,11 @@ def solve(
     flat = np.ascontiguousarray(T, dtype=np.float64).reshape(-1)
     first = _NONE if q0 is None else np.ascontiguousarray(q0, dtype=np.float64).reshape(-1)
     weights = np.ascontiguousarray(weights, dtype=np.float64)
-    settings = np.array([tol_pos, tol_rot, damping, max_step, stall * stall])
+    settings = np.array([tol_pos, tol_rot, damping, max_step, stall * stall, near * near])
     masked = bool((weights != 1.0).any())
-    counts = np.array([seed & (2**63 - 1), max_steps, max_starts, limits, masked, patience], dtype=np.int64)
+    counts = np.array([seed & (2**63 - 1), max_steps, max_starts, limits, masked, patience, guesses], dtype=np.int64)
     q, errors, info = np.empty((rows, n)), np.empty((rows, 2)), np.empty((rows, 3), dtype=np.int64)
     out = q.reshape(-1), errors.reshape(-1), info.reshape(-1)
-    run = prepare(solve_rows)
-    for_chunks(lambda a, b: run(*chain, flat, first, weights, settings, counts, *out, a, b), rows, _CHUNK, threads)
+    run, tables = prepare(solve_rows), chain.solver_tables
+    for_chunks(lambda a, b: run(*tables, flat, first, weights, settings, counts, *out, a, b), rows, _CHUNK, threads)
     return Solved(q, errors[:, 0], errors[:, 1], info[:, 0], info[:, 1], info[:, 2] != 0)

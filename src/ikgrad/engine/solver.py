@@ -19,11 +19,11 @@ import numpy as np
 from numba import njit
 
 from ikgrad.engine.cache import kernel
-from ikgrad.engine.chain import WALK, aligned, cross, rotate, tip_position, walk
+from ikgrad.engine.chain import WALK, aligned, padded, rotate, tip_position, walk
 from ikgrad.engine.linear import add_outer, solve6
-from ikgrad.engine.randoms import mix, mix_floats, unit
 from ikgrad.engine.simd import W, bits, load, mask_of, select, splat, store
-from ikgrad.engine.vecmath import angle_over_sine, log_near_pi
+from ikgrad.engine.starts import load_starts, load_targets, next_starts
+from ikgrad.engine.vecmath import angle_over_sine, cross, log_near_pi
 
 _NEAR_PI = -0.9999  # cosine below which the rotation error is taken from the quaternion
 _HUGE = 1e200
@@ -84,7 +84,7 @@ def _into(X: Any, Y: Any, Z: Any, x: Any, y: Any, z: Any) -> Any:
     )
 
 
-@njit
+@njit(forceinline=True)
 def _columns(joints: Any, kinds: Any, frames: Any, p: Any, J: Any, length: float) -> None:
     """Jacobian columns in lanes, six Vecs a variable; an angle in rad, a slide in typical lengths."""
     for i in range(J.size // W):
@@ -122,53 +122,11 @@ def _unit_chain(base: Any, joints: Any, tool: Any, kinds: Any, length: float) ->
     return base, joints, tool
 
 
-@njit
-def _set_target(T: Any, row: int, tool: Any, length: float, target: Any, lane: int) -> bool:
-    """Put a row's target into a lane: R* R_tool^T by columns and p* / length. False if it is not finite."""
-    at = 16 * row
-    for i in range(12):
-        if not math.isfinite(T[at + i]):
-            return False
-    for i in range(3):
-        for j in range(3):  # the tool's rotation is the target's business, so that the step need not turn by it
-            total = 0.0
-            for k in range(3):
-                total += T[at + 4 * i + k] * tool[3 * k + j]
-            target[(3 * j + i) * W + lane] = total
-        target[(9 + i) * W + lane] = T[at + 4 * i + 3] / length
-    return True
-
-
-@njit
-def _set_start(
-    T: Any, q0: Any, row: int, start: int, seed: Any, has_q0: bool, limits: bool,
-    q_min: Any, q_max: Any, low: Any, high: Any, q: Any, lane: int, word: Any,
-) -> None:  # fmt: skip
-    """Put the joint values of a row's next start into a lane."""
-    n = low.size
-    if start == 0 and has_q0:
-        finite = True
-        for j in range(n):
-            finite = finite and math.isfinite(q0[row * n + j])
-        if finite:
-            for j in range(n):
-                value = q0[row * n + j]
-                q[j * W + lane] = min(max(value, q_min[j]), q_max[j]) if limits else value
-            return
-    key = mix_floats(np.uint64(seed), T, 16 * row, 16 * row + 12, word)
-    if has_q0:
-        key = mix_floats(key, q0, row * n, row * n + n, word)
-    key = mix(key, np.uint64(start))
-    for j in range(n):
-        value = low[j] + unit(mix(key, np.uint64(j))) * (high[j] - low[j])
-        q[j * W + lane] = min(max(value, low[j]), high[j])
-
-
 @kernel
 def solve_rows(
     base: Any, joints: Any, kinds: Any, tool: Any, q_min: Any, q_max: Any, low: Any, high: Any, slide: Any,
-    length: float, T: Any, q0: Any, weights: Any, settings: Any, counts: Any, q_out: Any, errors: Any, info: Any,
-    first: int, last: int,
+    length: float, grid: Any, blocks: Any, features: Any, records: Any, T: Any, q0: Any,
+    weights: Any, settings: Any, counts: Any, q_out: Any, errors: Any, info: Any, first: int, last: int,
 ) -> None:  # fmt: skip
     """Solve rows first..last; see `solve.solve` for what the arguments mean.
 
@@ -179,62 +137,89 @@ def solve_rows(
     """
     n, m = low.size, kinds.size // 2
     seed, max_steps, max_starts = counts[0], counts[1], counts[2]
-    limits, masked, patience = counts[3] != 0, counts[4] != 0, float(counts[5])
+    limits, masked, patience, guesses = counts[3] != 0, counts[4] != 0, float(counts[5]), counts[6]
     tol_pos, tol_rot = (settings[0] / length) ** 2, settings[1] ** 2
-    damping, max_step, stall = settings[2], settings[3], settings[4]
+    damping, max_step, stall, near = settings[2], settings[3], settings[4], settings[5]
     has_q0 = q0.size > 0
     base, joints, tool = _unit_chain(base, joints, tool, kinds, length)
     q, frames, J = aligned(n * W), aligned(m * WALK), aligned(6 * n * W)
     target, spill, measured = aligned(12 * W), aligned(21 * W), aligned(3 * W)
-    word = np.empty(1)
     rows, starts, totals = np.zeros(W, np.int64), np.zeros(W, np.int64), np.zeros(W, np.int64)
-    best = np.zeros(W)
-    ages = aligned(W)
+    best, ages = np.zeros(W), aligned(W)
     q[:], target[:], ages[:] = 0.0, 0.0, 0.0
+    # the next eight rows, made ready together
+    next_target, next_q, lanes = aligned(12 * W), aligned(n * W), aligned(16 * W)
+    next_rows, no_starts, sound = np.zeros(W, np.int64), np.zeros(W, np.int64), 0
+    next_q[:] = 0.0
+    ranks, jitter, scratch = np.zeros(W, np.int64), aligned(5 * W), aligned(9 * W)
     history1 = history2 = history3 = splat(math.inf)
-    cursor, active, fresh = first, 0, (1 << W) - 1
-    done = fresh  # every lane asks for its first row
+    cursor, active, failed = first, 0, 0
+    done = (1 << W) - 1  # every lane asks for its first row
     while True:
-        # (1) lanes that are done get work
+        # (1) lanes that are done get the row's next start or the next row
         if done != 0:
+            again = 0
             for lane in range(W):
-                if not (done >> lane) & 1:
+                bit = 1 << lane
+                if not done & bit:
                     continue
-                row, bit = rows[lane], 1 << lane
-                wants_row = not (active & bit)
-                if not wants_row:
-                    converged = (fresh & bit) == 0
+                if active & bit:
+                    row = rows[lane]
                     totals[lane] += int(ages[lane]) - 1
+                    starts[lane] += 1
                     error = measured[2 * W + lane]
-                    if converged or error < best[lane]:
+                    converged = not failed & bit
+                    if converged or not best[lane] <= error:  # best is NaN at first
                         best[lane] = error
                         for j in range(n):
                             q_out[row * n + j] = q[j * W + lane]
                         errors[2 * row] = math.sqrt(measured[lane]) * length
                         errors[2 * row + 1] = math.sqrt(measured[W + lane])
-                    starts[lane] += 1
-                    wants_row = converged or starts[lane] >= max_starts
-                    if wants_row:
-                        info[3 * row], info[3 * row + 1] = totals[lane], starts[lane]
-                        info[3 * row + 2] = 1 if converged else 0
-                while wants_row:
-                    active &= ~bit
-                    if cursor >= last:
-                        break
+                    ages[lane] = 0.0
+                    if not converged and starts[lane] < max_starts:
+                        again |= bit
+                        continue
+                    info[3 * row], info[3 * row + 1], info[3 * row + 2] = totals[lane], starts[lane], converged
+                active &= ~bit
+                while cursor < last:
                     row = cursor
                     cursor += 1
-                    rows[lane], starts[lane], totals[lane], best[lane] = row, 0, 0, math.inf
-                    _set_start(T, q0, row, 0, seed, has_q0, limits, q_min, q_max, low, high, q, lane, word)
-                    if _set_target(T, row, tool, length, target, lane):
+                    slot = (row - first) % W
+                    if slot == 0:
+                        whole, at = row + W <= last, row if row + W <= last else 0
+                        sound = load_targets(
+                            T if whole else padded(T, row, last, 16), at, tool, length, lanes, next_target
+                        )
+                        given = 0
+                        if has_q0:
+                            given = load_starts(
+                                q0 if whole else padded(q0, row, last, n), at, limits, q_min, q_max, next_q
+                            )
+                        for i in range(W):
+                            next_rows[i] = min(row + i, last - 1)
+                        if sound & ~given:
+                            next_starts(
+                                T, q0, next_rows, no_starts, sound & ~given, guesses, seed, base, joints, kinds,
+                                tool, low, high, length, grid, blocks, features, records, next_target, next_q,
+                                ranks, jitter, scratch,
+                            )  # fmt: skip
+                    if (sound >> slot) & 1:
+                        for i in range(12):
+                            target[i * W + lane] = next_target[i * W + slot]
+                        for j in range(n):
+                            q[j * W + lane] = next_q[j * W + slot]
+                        rows[lane], starts[lane], totals[lane], best[lane] = row, 0, 0, math.nan
                         active |= bit
                         break
                     for j in range(n):
-                        q_out[row * n + j] = q[j * W + lane]
+                        q_out[row * n + j] = 0.5 * (low[j] + high[j])
                     errors[2 * row] = errors[2 * row + 1] = math.nan
                     info[3 * row] = info[3 * row + 1] = info[3 * row + 2] = 0
-                if not wants_row:
-                    _set_start(T, q0, row, starts[lane], seed, has_q0, limits, q_min, q_max, low, high, q, lane, word)
-                ages[lane] = 0.0
+            if again != 0:
+                next_starts(
+                    T, q0, rows, starts, again, guesses, seed, base, joints, kinds, tool, low, high, length, grid,
+                    blocks, features, records, target, q, ranks, jitter, scratch,
+                )  # fmt: skip
             renewed = mask_of(done)
             history1 = select(renewed, math.inf, history1)
             history2 = select(renewed, math.inf, history2)
@@ -271,12 +256,13 @@ def solve_rows(
         solved = (position <= tol_pos) & (rotation <= tol_rot)
         age = load(ages, 0) + 1.0
         store(ages, 0, age)
-        hopeless = (age > patience) & (error > stall * history3)
+        hopeless = (age > patience) & (error > stall * history3) & (error > near)
+        hopeless = hopeless | ((age > 20.0) & (error > 0.81 * history3))
         hopeless = hopeless | (age > float(max_steps)) | ~(error < _HUGE)
         history3, history2, history1 = history2, history1, error
         done = bits(solved | hopeless) & active
         if done != 0:
-            fresh = ~bits(solved)
+            failed = ~bits(solved)
             store(measured, 0, position)
             store(measured, W, rotation)
             store(measured, 2 * W, error)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 import weakref
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ikgrad.engine.seeds import Seeds, build
 from ikgrad.robot import Robot
 
 FLOATS, KINDS = 9, 2  # numbers a joint in PackedChain.joints and .kinds
 
 
-class PackedChain(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PackedChain:
     """What the kernels know about a robot with m moving segments and n variables.
 
     Every joint axis is made the z axis of its frame, and a rotation R between two joints is split into
@@ -37,6 +41,16 @@ class PackedChain(NamedTuple):
     high: NDArray[np.float64]  # (n,)
     slide: NDArray[np.float64]  # (n,) 1 if the variable is a length, 0 if an angle
     length: float  # typical length of the arm [m]; errors in position count divided by it
+
+    @cached_property
+    def seeds(self) -> Seeds:
+        """First guesses for the solver, made when first asked for."""
+        return build(self)
+
+    @cached_property
+    def solver_tables(self) -> tuple[Any, ...]:
+        """What the solve kernel takes: the fields above in their order, then the seeds'."""
+        return (*(getattr(self, field.name) for field in fields(self)), *self.seeds)
 
 
 _packed: weakref.WeakKeyDictionary[Robot, PackedChain] = weakref.WeakKeyDictionary()

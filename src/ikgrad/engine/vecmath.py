@@ -76,6 +76,12 @@ def _sincos_far(x: Any, sine: Any, cosine: Any, far: Any) -> Any:
 
 
 @njit(forceinline=True)
+def cross(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any) -> Any:
+    """Cross product a x b."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(forceinline=True)
 def angle_over_sine(cosine: Any, sine_squared: Any) -> Any:
     """Theta / sin(theta) for theta in [0, pi): what turns ``(R - R^T) / 2`` into the logarithm of R.
 
@@ -102,6 +108,24 @@ def angle_over_sine(cosine: Any, sine_squared: Any) -> Any:
     if bits(obtuse) != 0:
         g = select(obtuse, math.pi / sqrt(sine_squared) - g, g)
     return g
+
+
+@njit(forceinline=True)
+def atan2_roughly(y: Any, x: Any) -> Any:
+    """Angle of the point (x, y) to about 1e-5 rad: enough for a guess, and short. 0 at the origin."""
+    a, b = fabs(x), fabs(y)
+    steep = b > a
+    big = select(steep, b, a)
+    t = select(steep, a, b) / select(big > 0.0, big, 1.0)
+    z = t * t
+    r = z * -0.0117212 + 0.05265332
+    r = r * z + -0.11643287
+    r = r * z + 0.19354346
+    r = r * z + -0.33262347
+    r = (r * z + 0.99997726) * t
+    r = select(steep, 0.5 * math.pi - r, r)
+    r = select(x < 0.0, math.pi - r, r)
+    return select(y < 0.0, -r, r)
 
 
 @njit
