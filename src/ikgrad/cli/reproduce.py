@@ -70,6 +70,8 @@ def _outputs(folder: Path, *, force: bool) -> dict[str, Path]:
     from ikgrad.errors import DataError
     from ikgrad.files.places import check_output
 
+    if folder.exists() and not folder.is_dir():
+        raise DataError(f"{folder}: is a file, not a folder")
     if not folder.exists():
         if not folder.absolute().parent.is_dir():
             raise DataError(f"{folder}: the folder '{folder.parent}' does not exist; create it first")

@@ -1,0 +1,124 @@
+"""Figures: written, not blank, the same each time, and without global state."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+import ikgrad as ik
+from ikgrad import plots
+from ikgrad.errors import DataError
+from ikgrad.plots import tubes
+
+CURVES = {name: 10.0 ** -np.linspace(0, 9, k) for name, k in (("a", 50), ("b", 90), ("c", 20))}
+
+
+def arm() -> object:
+    robot = ik.load_robot("kr210")
+    poses = [torch.zeros(6).double(), torch.full((6,), 0.3).double()]
+    path = ik.forward_kinematics(robot, torch.stack(poses))[:, :3, 3].numpy()
+    return plots.arm_path(robot, poses, paths={"way": path}, points={"end": path[-1]})
+
+
+FIGURES = {
+    "convergence": lambda: plots.convergence(CURVES, threshold=1e-9, printed={"a": 50, "b": 80}),
+    "one_curve": lambda: plots.convergence({"a": CURVES["a"]}, threshold=1e-9),
+    "learning_rates": lambda: plots.learning_rates(
+        {0.1: CURVES["a"], 1.0: CURVES["b"]},
+        {0.1: np.array([1e-9, 1e-8]), 1.0: np.array([1e-3, 2e-3])},
+        threshold=1e-9,
+        limit=60,
+    ),
+    "comparison_bars": lambda: plots.comparison_bars({"a": 3.0, "b": 5.0}, {"a": 3.0, "b": 4.0}, ylabel="count [-]"),
+    "arm_path": arm,
+}
+
+
+def pixels(path: Path) -> np.ndarray:
+    return np.asarray(Image.open(path).convert("RGB"), dtype=float)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_are_written_and_not_blank(name: str, tmp_path: Path):
+    path = plots.save_figure(FIGURES[name](), tmp_path / "figure.png")
+    image = pixels(path)
+    assert image.shape[0] > 300
+    assert image.shape[1] > 600
+    drawn = (image.min(axis=-1) < 200).mean()  # share of pixels that are not nearly white
+    assert 0.005 < drawn < 0.6
+    colourful = (np.ptp(image, axis=-1) > 60).mean()
+    assert colourful > 0.001
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_same_figure_is_drawn_twice(name: str, tmp_path: Path):
+    """A grey level per pixel on average: fonts may be hinted differently from machine to machine, not within one."""
+    first, second = (pixels(plots.save_figure(FIGURES[name](), tmp_path / f"{k}.png")) for k in "ab")
+    assert np.abs(first - second).mean() < 1
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_axis_has_a_label_with_a_unit(name: str):
+    counts = ("iteration", "motion")  # what is counted has no unit
+    labels = []
+    for axes in FIGURES[name]().axes:
+        solid = axes.name == "3d"  # there, axison is always off
+        if solid or axes.axison:
+            labels += [axes.get_xlabel(), axes.get_ylabel(), *([axes.get_zlabel()] if solid else [])]
+    written = [label for label in labels if label]
+    assert len(written) >= 2
+    assert all("[" in label or label in counts for label in written), written
+
+
+def test_svg_is_written_by_suffix_and_is_reproducible(tmp_path: Path):
+    first, second = (plots.save_figure(FIGURES["comparison_bars"](), tmp_path / f"{k}.svg") for k in "ab")
+    assert first.read_text().lstrip().startswith("<?xml")
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_an_existing_figure_is_kept_without_force(tmp_path: Path):
+    path = tmp_path / "figure.png"
+    path.write_text("mine")
+    with pytest.raises(DataError, match="exists already"):
+        plots.save_figure(FIGURES["comparison_bars"](), path, force=False)
+    assert path.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_other_kinds_of_files_are_refused(tmp_path: Path):
+    with pytest.raises(DataError, match=r"figure\.bmp: unknown kind of file '\.bmp' \(known: \.png, \.svg\)"):
+        plots.save_figure(FIGURES["comparison_bars"](), tmp_path / "figure.bmp")
+
+
+def test_a_missing_folder_is_refused(tmp_path: Path):
+    with pytest.raises(DataError, match="cannot write the figure: No such file"):
+        plots.save_figure(FIGURES["comparison_bars"](), tmp_path / "no" / "figure.png")
+
+
+def test_drawing_leaves_matplotlib_as_it_was(tmp_path: Path):
+    before = dict(matplotlib.rcParams)
+    plots.save_figure(FIGURES["arm_path"](), tmp_path / "figure.png")
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_no_pyplot_and_no_matplotlib_before_the_first_figure():
+    code = "import sys, ikgrad.plots as p; a = 'matplotlib' in sys.modules; p.new_figure((2, 2)); "
+    code += "sys.exit(a or 'matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+def test_tubes_that_two_poses_share_are_drawn_once():
+    points = np.array([[0.0, 0, 0], [0, 0, 1], [0, 0, 1], [1, 0, 1]])
+    other = points.copy()
+    other[3] = [0, 1, 1]
+    whole, rest = tubes.arm_mesh(points, 0.1), tubes.arm_mesh(points, 0.1, skip=other)
+    assert 0 < len(rest.faces) < len(whole.faces)
+    assert rest.faces[..., 2].min() > 0.8  # nothing of the column below the first bend
+    assert len(whole.faces) == len(whole.shade) == len(whole.joint)
