@@ -93,7 +93,7 @@ MISTAKES = {
     "solve --robot pnda p.csv -o q.csv": "unknown robot 'pnda'; did you mean 'panda'? (known: arm4,",
     "solve --robot none.urdf p.csv -o q.csv": "none.urdf: no such file",
     "solve --robot panda --tip panda_lnik7 p.csv -o q.csv": "unknown link of panda.urdf 'panda_lnik7'; did you mean",
-    "solve --robot panda p.csv -o q.csv --plot q.gif": "q.gif: unknown kind of file '.gif' (known: .png, .pdf, .svg)",
+    "solve --robot panda p.csv -o q.csv --plot q.gif": "q.gif: unknown kind of file '.gif' (known: .png, .svg)",
     "sample --robot panda --count none -o p.csv": "expected a whole number, at least 1, got 'none'",
     "sample --robot panda --count 5 -o p.csv --joints p.csv": "-o and --joints name the same file",
     "fk --robot panda": "fk needs either --q Q1,Q2,... or a file of joint values",

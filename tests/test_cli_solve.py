@@ -185,8 +185,8 @@ def test_bad_rows_are_reported_and_the_others_solved(capsys, place, poses):
     assert solve("bad.npy", "-o", "q.npz") == 0
     out = capsys.readouterr().out
     assert "2 poses are not finite or have a number missing." in out
-    assert "1 poses are no rotation: max |R^T R - I| up to 0.0201; --repair projects them." in out
-    assert "1 poses are mirrored, or their last row is not 0 0 0 1 (transposed?)." in out
+    assert "1 pose is no rotation: max |R^T R - I| up to 0.0201; --repair projects them." in out
+    assert "1 pose is mirrored, or without 0 0 0 1 as last row (transposed?)." in out
 
 
 def test_repair_projects(capsys, place, poses):

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from ikgrad import __version__
 from ikgrad.cli import fk, reproduce, robots, sample, solve
 from ikgrad.cli.parsing import Parser, example
-from ikgrad.cli.terminal import Interrupted, note
+from ikgrad.cli.terminal import Interrupted, describe, note
 from ikgrad.errors import IkgradError
 
 COMMANDS = (robots, fk, sample, solve, reproduce)  # each has add(commands), which sets run(args)
@@ -70,12 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         note("out of memory; give fewer rows at a time")
     return 2
-
-
-def describe(error: OSError) -> str:
-    """What the system says, with the file that it says it of."""
-    reason = error.strerror or str(error)
-    return f"{error.filename}: {reason}" if error.filename else f"cannot write: {reason}"
 
 
 def _silence_stdout() -> None:

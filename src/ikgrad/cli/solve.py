@@ -49,7 +49,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--chunk", type=count, metavar="ROWS", help="rows solved and kept at a time (16384; apps: 2048)"
     )
-    parser.add_argument("--plot", metavar="FILE", help="also draw errors, steps and reasons (PNG, PDF or SVG)")
+    parser.add_argument("--plot", metavar="FILE", help="also draw errors, steps and reasons (PNG or SVG)")
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON document")
     parser.set_defaults(run=run)
 
@@ -96,7 +96,7 @@ def _check_places(args: argparse.Namespace) -> Path:
     inputs = [args.poses] + ([args.q0] if args.q0 else [])
     output = check_output(args.output, OUT_SUFFIXES, force=args.force, inputs=inputs)
     if args.plot:
-        plot = check_output(args.plot, (".png", ".pdf", ".svg"), force=args.force, inputs=inputs)
+        plot = check_output(args.plot, (".png", ".svg"), force=args.force, inputs=inputs)
         if plot.absolute() == output.absolute():
             raise ConfigError("-o and --plot name the same file")
     return output
@@ -129,19 +129,12 @@ def _job(args: argparse.Namespace, output: Path) -> Job:
 
 
 def _plot(arrays: dict[str, np.ndarray], args: argparse.Namespace, job: Job) -> None:
-    from ikgrad.figures_solve import solve_summary
-    from ikgrad.files.places import in_one_move
+    from ikgrad.plots import save_figure, solve_summary
 
     title = f"{job.robot.name}: {job.poses.total:,} poses, {SOLVERS[args.solver]}"
-    with in_one_move(Path(args.plot), force=args.force) as temporary:
-        solve_summary(
-            arrays["position_error_m"],
-            arrays["rotation_error_rad"],
-            arrays["steps"],
-            arrays["reason"],
-            temporary,
-            title=title,
-        )
+    errors = arrays["position_error_m"], arrays["rotation_error_rad"]
+    figure = solve_summary(*errors, arrays["steps"], arrays["reason"], title=title)
+    save_figure(figure, args.plot, force=args.force)
 
 
 def _report(args: argparse.Namespace, job: Job, summary: Summary, rate: float, seconds: float) -> None:
@@ -167,16 +160,20 @@ def _bad_targets(summary: Summary, repair: bool) -> list[str]:
     lines = []
     worst = f"max |R^T R - I| up to {summary.worst_deviation:.3g}"
     if summary.not_finite:
-        lines.append(f"{summary.not_finite:,} poses are not finite or have a number missing.")
+        lines.append(f"{_poses(summary.not_finite)} not finite or have a number missing.")
     bent = summary.not_rigid - summary.mirrored
     if bent:
         advice = "; no rotation is near enough to repair them." if repair else "; --repair projects them."
-        lines.append(f"{bent:,} poses are no rotation: {worst}{advice}")
+        lines.append(f"{_poses(bent)} no rotation: {worst}{advice}")
     if summary.mirrored:
-        lines.append(f"{summary.mirrored:,} poses are mirrored, or their last row is not 0 0 0 1 (transposed?).")
+        lines.append(f"{_poses(summary.mirrored)} mirrored, or without 0 0 0 1 as last row (transposed?).")
     if summary.repaired:
-        lines.append(f"{summary.repaired:,} poses were repaired: {worst}.")
+        lines.append(f"{_poses(summary.repaired)} repaired: {worst}.")
     return lines
+
+
+def _poses(number: int) -> str:
+    return "1 pose is" if number == 1 else f"{number:,} poses are"
 
 
 def _document(args: argparse.Namespace, job: Job, summary: Summary, rate: float, seconds: float) -> dict[str, Any]:

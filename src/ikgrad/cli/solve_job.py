@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from ikgrad import __version__
+from ikgrad.cli.terminal import Interrupted, Progress, describe
 from ikgrad.errors import DataError, IkgradError
 from ikgrad.files import JointFile, PartialRun, PoseFile, joint_writer
 from ikgrad.files.poses import ROTATION_TOLERANCE, Targets
@@ -22,7 +23,6 @@ from ikgrad.files.writers import Columns, text_column
 from ikgrad.solvers.solve import solve_ik
 
 if TYPE_CHECKING:
-    from ikgrad.cli.terminal import Progress
     from ikgrad.robot import Robot
 
 HIDDEN = "deviation"  # kept in the parts for the summary, no column of the output
@@ -204,9 +204,6 @@ def keeping(run: PartialRun, *, keep_on_error: bool) -> Iterator[None]:
 
     An error in the input removes them: the input has to change, and then they fit no more.
     """
-    from ikgrad.cli.main import describe
-    from ikgrad.cli.terminal import Interrupted
-
     try:
         yield
     except KeyboardInterrupt:

@@ -55,6 +55,12 @@ def note(text: str) -> None:
     print(f"ikgrad: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
+def describe(error: OSError) -> str:
+    """What the system says, with the file that it says it of."""
+    reason = error.strerror or str(error)
+    return f"{error.filename}: {reason}" if error.filename else f"cannot write: {reason}"
+
+
 class Progress:
     """Progress on stderr for work that takes over two seconds: a bar on a terminal, else a line every few seconds.
 
@@ -141,7 +147,7 @@ def duration(seconds: float) -> str:
 
     Example:
         >>> duration(3.21), duration(75), duration(7300)
-        ('3.2 s', '1 min 15 s', '2 h 2 min')
+        ('3.2 s', '1 min 15 s', '2 h 1 min')
     """
     if seconds < 10:
         return f"{seconds:.1f} s"

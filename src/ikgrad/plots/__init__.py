@@ -5,8 +5,9 @@ and Ito's, which people with any colour vision can tell apart; every axis names 
 """
 
 from ikgrad.plots.arm import arm_path
+from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
-from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled
+from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
 
 __all__ = [
     "PALETTE",
@@ -16,5 +17,7 @@ __all__ = [
     "learning_rates",
     "new_figure",
     "save_figure",
+    "solve_summary",
     "styled",
+    "to_png",
 ]
