@@ -20,7 +20,7 @@ LAYERS = [
     {"robot", "dh", "urdf", "config"},
     {"kinematics", "engine"},
     {"solvers", "data", "files"},
-    {"papers", "plots", "figures_solve"},
+    {"papers", "plots", "bench"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
