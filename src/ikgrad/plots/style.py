@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +81,14 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 150, force: bool
     except OSError as error:
         raise DataError(f"{path}: cannot write the figure: {error.strerror or error}") from error
     return path
+
+
+def to_png(figure: Figure, *, dpi: int = 90) -> bytes:
+    """A figure as the bytes of a PNG, for notebooks: ``IPython.display.Image(to_png(figure))``."""
+    buffer = io.BytesIO()
+    with styled():
+        figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
 
 
 def power(value: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from html import escape
 from typing import NamedTuple
 
 from ikgrad.papers.apps.compare import DescentRow
@@ -18,6 +19,15 @@ class Table(NamedTuple):
     columns: Cells
     rows: tuple[Cells, ...]
     left: int = 1
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        cells = [[escape(cell) for cell in row] for row in (self.columns, *self.rows)]
+        head, *body = ("".join(f"<td>{cell}</td>" for cell in row) for row in cells)
+        rows = "".join(f"<tr>{row}</tr>" for row in body)
+        return (
+            f"<table><caption>{escape(self.title)}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+        )
 
 
 def report(study: AppsStudy) -> list[Table]:
