@@ -155,6 +155,12 @@ def test_a_learning_rate_of_one_never_converges_and_a_tenth_is_the_papers(study:
         assert float(curve[-1]) == row.E_final
 
 
+def test_the_papers_learning_rate_is_just_below_the_stability_limit(study: AppsStudy):
+    """An independent analysis of the Hessian gives 0.2034 (at P_I) to 0.2323 for the half sum: twice these."""
+    assert min(study.stable_rates) == study.stable_rates[-1] == pytest.approx(0.2034 / 2, abs=5e-5)
+    assert max(study.stable_rates) == pytest.approx(0.2323 / 2, abs=5e-5)
+
+
 def test_random_starts_compare_all_methods(study: AppsStudy):
     rows = {row.method: row for row in study.random_starts}
     assert set(rows) == {"APPS, eta 0.1", "APPS, eta 0.05", "Newton-Raphson", "Levenberg-Marquardt"}

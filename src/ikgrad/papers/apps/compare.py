@@ -116,6 +116,20 @@ def descent_curves(motions: Sequence[Motion], apps: Apps, rates: Sequence[float]
     return results
 
 
+def stable_rates(motions: Sequence[Motion]) -> tuple[float, ...]:
+    """The largest learning rate that is stable at the end of each motion.
+
+    Near a solution E is e^T e with Hessian 2 J^T J, J the derivative of the twelve pose entries; gradient descent on a
+    quadratic is stable for eta < 2 / lambda_max(2 J^T J) = 1 / lambda_max(J^T J).
+    """
+    robot = load_robot("kr210")
+    rates = []
+    for motion in motions:
+        J = torch.autograd.functional.jacobian(lambda q: forward_kinematics(robot, q)[:3].flatten(), motion.q)
+        rates.append(1 / float(torch.linalg.matrix_norm(J, ord=2)) ** 2)
+    return tuple(rates)
+
+
 def random_pairs(count: int, *, seed: int) -> tuple[Tensor, Tensor]:
     """(count, 4, 4) reachable goals [m] and (count, 6) starts [rad], both uniform in the joint ranges.
 

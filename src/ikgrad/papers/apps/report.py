@@ -146,6 +146,7 @@ def learning_rates(study: AppsStudy) -> Table:
         group = [row for row in study.learning_rates if row.eta == rate]
         cells = [str(row.iterations) if row.iterations else f"never, E {row.E_final:.0e}" for row in group]
         rows.append((f"{rate:g}", *cells))
+    rows.append(("stable below", *(f"{rate:.4f}" for rate in study.stable_rates)))
     limit = study.config.learning_rate_max_steps
     title = f"Iterations by learning rate (E plain sum, E0 1e-9, at most {limit})"
     return Table(title, ("eta", *(motion.name for motion in study.motions)), tuple(rows))

@@ -39,6 +39,7 @@ class AppsStudy:
         literal_rule: the descent with eq. (20) as printed.
         learning_rates: the descent with several learning rates.
         rate_curves: E along each of these runs, in the same order; (k,) each.
+        stable_rates: the largest stable learning rate at the end of each motion.
         random_starts: all methods on random starts and poses; empty if not asked for.
         errata: the misprints.
         checks: what is claimed, and whether it holds here.
@@ -54,6 +55,7 @@ class AppsStudy:
     literal_rule: tuple[DescentRow, ...]
     learning_rates: tuple[DescentRow, ...]
     rate_curves: tuple[Tensor, ...]
+    stable_rates: tuple[float, ...]
     random_starts: tuple[RandomRow, ...]
     errata: tuple[Erratum, ...]
     checks: tuple[Check, ...]
@@ -68,6 +70,7 @@ class AppsStudy:
             "versions": self.versions,
             "iterations": [row.iterations for row in self.tables.table6],
             **_plain(asdict(self.tables)),
+            "stable_rates": list(self.stable_rates),
             **{name: [_plain(asdict(row)) for row in getattr(self, name)] for name in names},
         }
 
@@ -119,6 +122,7 @@ def _run(config: AppsConfig, progress: Progress | None) -> AppsStudy:
         literal_rule=literal,
         learning_rates=tuple(row for row, _ in rates),
         rate_curves=tuple(curve for _, curve in rates),
+        stable_rates=compare.stable_rates(motions),
         random_starts=tuple(random_rows),
         errata=errata(motions, literal, printed),
         checks=check(tables, newton[0], printed, literal),
