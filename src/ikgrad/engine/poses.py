@@ -173,8 +173,8 @@ def turn_rows(q: Any, near: Any, q_min: Any, q_max: Any, periodic: Any) -> None:
         for j in range(n):
             if periodic[j]:
                 value = q[row, j]
-                fewest = math.ceil((q_min[j] - value) / _TURN - 1e-12)
-                most = math.floor((q_max[j] - value) / _TURN + 1e-12)
+                fewest = np.ceil((q_min[j] - value) / _TURN - 1e-12)
+                most = np.floor((q_max[j] - value) / _TURN + 1e-12)
                 turns = min(max(np.rint((near[row, j] - value) / _TURN), fewest), most)
                 if fewest <= most and turns != 0 and math.isfinite(turns):
                     q[row, j] = min(max(value + _TURN * turns, q_min[j]), q_max[j])

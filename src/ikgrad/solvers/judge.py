@@ -1,4 +1,4 @@
-"""The verdict on an answer: angles brought into range, errors measured, a reason for every row."""
+"""The verdict on an answer: errors measured, and a reason for every row."""
 
 from __future__ import annotations
 
@@ -8,28 +8,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ikgrad.solvers.attempt import attempt
 from ikgrad.solvers.base import Solver
 from ikgrad.solvers.levenberg import LevenbergMarquardt
-from ikgrad.solvers.loop import run
 from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.solution import IKSolution, Reason
-
-
-def whole_turns(problem: Problem, q: Tensor, near: Tensor) -> Tensor:
-    """Add whole turns so that each angle comes into its range, as near as can be to ``near``.
-
-    With ``near = q`` this is eq. (12) of the APPS paper: nothing happens to an angle that is in range.
-    An angle that no number of turns brings into its range is left alone.
-    """
-    turn = 2 * math.pi
-    slack = 1e-12
-    fewest = torch.ceil((problem.q_min - q) / turn - slack)
-    most = torch.floor((problem.q_max - q) / turn + slack)
-    wanted = torch.round((near - q) / turn)
-    turns = torch.minimum(torch.maximum(wanted, fewest), most)
-    possible = problem.robot.periodic & (fewest <= most) & turns.isfinite()
-    moved = (q + turn * turns).clamp(problem.q_min, problem.q_max)
-    return torch.where(possible & (turns != 0), moved, q)
 
 
 def judge(solver: Solver, problem: Problem, q: Tensor, steps: Tensor, valid: Tensor, dtype: torch.dtype) -> IKSolution:
@@ -70,5 +53,5 @@ def _only_limits(solver: Solver, problem: Problem, q: Tensor) -> Tensor:
         q_min=torch.full_like(problem.q_min, -math.inf),
         q_max=torch.full_like(problem.q_max, math.inf),
     )
-    answer, _ = run(replace(solver, max_starts=8), free, q)
+    answer, _ = attempt(replace(solver, max_starts=8), free, q)
     return problem.met(*problem.measure(answer))

@@ -11,6 +11,8 @@ from ikgrad.solvers.base import State, check_positive
 from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.starts import random_configurations
 
+CANDIDATES = 4  # random configurations that a start is chosen from
+
 
 @dataclass(frozen=True)
 class LevenbergMarquardt:
@@ -26,12 +28,16 @@ class LevenbergMarquardt:
     abandoned when the error has not fallen by 30 % in 3 steps after the fifth; the next one is the best, by error,
     of a few random configurations, which depend on the row and ``seed`` alone.
 
+    On the CPU the whole method runs in compiled kernels (`ikgrad.engine`), several rows side by side, and starts come
+    from a table of configurations near the target before random ones; elsewhere, or with ``compiled=False``, it is
+    the torch code of this file. Both find the same share of solutions, not the same ones.
+
     Args:
         damping: factor of |e|^2 in mu.
         step_limit: largest change of a joint in one step [rad, or units of L for slides].
-        candidates: random configurations to choose a start from.
         max_starts: starts tried for a row before it fails.
-        max_steps: evaluations allowed for a row in all.
+        steps_per_start: evaluations allowed for one start.
+        compiled: use the kernels for CPU tensors.
 
     Raises:
         ConfigError: a setting is not positive.
@@ -46,15 +52,20 @@ class LevenbergMarquardt:
 
     damping: float = 0.05
     step_limit: float = 0.8
-    candidates: int = 4
     max_starts: int = 256
-    max_steps: int = 4000
+    steps_per_start: int = 60
+    compiled: bool = True
 
     restarts = True
 
     def __post_init__(self) -> None:
-        check_positive(self, damping=self.damping, step_limit=self.step_limit, candidates=self.candidates)
-        check_positive(self, max_starts=self.max_starts, max_steps=self.max_steps)
+        check_positive(self, damping=self.damping, step_limit=self.step_limit)
+        check_positive(self, max_starts=self.max_starts, steps_per_start=self.steps_per_start)
+
+    @property
+    def max_steps(self) -> int:
+        """Evaluations allowed for a row in all."""
+        return self.max_starts * self.steps_per_start
 
     def init(self, problem: Problem, q: Tensor) -> State:
         """Evaluate the starts."""
@@ -78,13 +89,14 @@ class LevenbergMarquardt:
         memory["start"][stalled] += 1
         memory["age"][stalled] = 0
         if len(stalled):
-            q[stalled] = best_start(problem.rows(stalled), memory["start"][stalled], self.candidates)
+            q[stalled] = best_start(problem.rows(stalled), memory["start"][stalled])
         return self._evaluate(problem, q, memory)
 
     def _stalled(self, memory: dict[str, Tensor], e: Tensor) -> Tensor:
-        """No 30 % fall of the error in 3 steps, after the fifth."""
+        """No 30 % fall of the error in 3 steps, after the fifth; or too many steps."""
         history = memory["history"]  # (B, 3) |e| one, two, three steps ago
         stalled = (memory["age"] > 5) & (e.norm(dim=-1) > 0.7 * history[:, 2])
+        stalled |= memory["age"] + 1 >= self.steps_per_start
         memory["history"] = torch.cat([e.norm(dim=-1, keepdim=True), history[:, :2]], dim=1)
         return stalled
 
@@ -98,23 +110,22 @@ class LevenbergMarquardt:
         return State(q, position, rotation, done, {**memory, "e": e * scale, "J": J * scale[:, None]})
 
 
-def best_start(problem: Problem, start: Tensor, candidates: int) -> Tensor:
+def best_start(problem: Problem, start: Tensor) -> Tensor:
     """The random configuration with the smallest pose error out of a few.
 
     Args:
         problem: B rows.
         start: (B,) number of the start.
-        candidates: how many to choose from.
 
     Returns:
         (B, n)
     """
-    draw = start[:, None] * candidates + torch.arange(candidates, device=start.device)
+    draw = start[:, None] * CANDIDATES + torch.arange(CANDIDATES, device=start.device)
     q = random_configurations(problem.robot, problem.key, draw)  # (B, c, n)
-    every = torch.arange(len(start), device=start.device).repeat_interleave(candidates)
+    every = torch.arange(len(start), device=start.device).repeat_interleave(CANDIDATES)
     position, rotation = problem.rows(every).measure(q.flatten(0, 1))
     merit = (position / problem.robot.length).square() + rotation.square()
-    best = merit.view(-1, candidates).argmin(dim=1)
+    best = merit.view(-1, CANDIDATES).argmin(dim=1)
     return q[torch.arange(len(q), device=q.device), best].clamp(problem.q_min, problem.q_max)
 
 

@@ -19,13 +19,14 @@ class Problem:
     Attributes:
         robot: the robot.
         T_target: (B, 4, 4) rigid transforms.
-        key: (B,) int64 that random starts are drawn from: `seed` and the content of the row, see `starts`.
+        key: (B,) int64 that the torch methods draw starts from: ``seed`` and the content of the row, see `starts`.
         q_min: (n,) limits to stay in, infinite if limits are off.
         q_max: (n,) likewise.
         mask: (6,) ones and zeros: which errors count, [x, y, z, rx, ry, rz] along the *target's own* axes; None for
             all of them (then in the base frame, which changes no norm).
         tol_pos: [m]
         tol_rot: [rad]
+        seed: of random starts.
     """
 
     robot: Robot
@@ -36,6 +37,7 @@ class Problem:
     mask: Tensor | None
     tol_pos: float
     tol_rot: float
+    seed: int = 0
 
     def rows(self, index: Tensor) -> Problem:
         """The problem of some of the rows."""

@@ -37,8 +37,7 @@ def ask(
     mask: Tensor | Sequence[float] | None,
     seed: int,
 ) -> Question:
-    """Check the arguments of `ikgrad.solve_ik`, flatten the batch and go to float64."""
-    _check(robot, T_target, q0, tol_pos, tol_rot)
+    """Flatten the batch, go to float64 and set invalid rows aside; the arguments have passed `check`."""
     shape, count = T_target.shape[:-2], T_target.shape[:-2].numel()
     T = T_target.detach().reshape(count, 4, 4).to(torch.float64)
     start = None if q0 is None else q0.detach().to(T).expand(*shape, robot.dof).reshape(count, robot.dof)
@@ -50,17 +49,19 @@ def ask(
     problem = Problem(
         robot=robot.detach().to(T.device, torch.float64),
         T_target=T,
+        seed=seed,
         key=row_keys(T, start, seed),
         q_min=_limit(robot.q_min, limits, T, -math.inf),
         q_max=_limit(robot.q_max, limits, T, math.inf),
-        mask=_mask(mask, T),
+        mask=check_mask(mask, T),
         tol_pos=tol_pos,
         tol_rot=tol_rot,
     )
     return Question(problem, start, valid)
 
 
-def _check(robot: Robot, T: Tensor, q0: Tensor | None, tol_pos: float, tol_rot: float) -> None:
+def check(robot: Robot, T: Tensor, q0: Tensor | None, tol_pos: float, tol_rot: float) -> None:
+    """Refuse arguments that do not fit together."""
     check_poses("T_target", T)
     if q0 is not None:
         check_q(robot, q0, "q0")
@@ -73,7 +74,8 @@ def _check(robot: Robot, T: Tensor, q0: Tensor | None, tol_pos: float, tol_rot: 
             raise ConfigError(f"{name} must be positive, got {value}")
 
 
-def _mask(mask: Tensor | Sequence[float] | None, like: Tensor) -> Tensor | None:
+def check_mask(mask: Tensor | Sequence[float] | None, like: Tensor) -> Tensor | None:
+    """(6,) of ones and zeros, or None if every error counts."""
     if mask is None:
         return None
     given = torch.as_tensor(mask).to(like)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -64,6 +65,12 @@ class IKSolution:
         """Number of rows per reason, only those that occur."""
         number = torch.bincount(self.reason_code.flatten().long(), minlength=len(Reason)).tolist()
         return {reason.name: number[reason] for reason in Reason if number[reason]}
+
+    def reshape(self, shape: Sequence[int]) -> IKSolution:
+        """The same rows in another batch shape."""
+        q = self.q.reshape((*shape, self.q.shape[-1]))
+        names = ("success", "reason_code", "position_error", "rotation_error", "steps")
+        return IKSolution(q, *(getattr(self, name).reshape(tuple(shape)) for name in names))
 
     def raise_if_failed(self) -> IKSolution:
         """Return self if every row succeeded.

@@ -11,13 +11,14 @@ from torch import Tensor
 
 from ikgrad.errors import ConfigError, ShapeError
 from ikgrad.robot import Robot
+from ikgrad.solvers.attempt import attempt, middle
 from ikgrad.solvers.base import Solver, State
+from ikgrad.solvers.compiled import serves, solve_compiled
 from ikgrad.solvers.implicit import attach_gradient
-from ikgrad.solvers.judge import judge, whole_turns
-from ikgrad.solvers.levenberg import LevenbergMarquardt, best_start
+from ikgrad.solvers.judge import judge
+from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.loop import run
-from ikgrad.solvers.problem import Problem
-from ikgrad.solvers.question import Question, ask
+from ikgrad.solvers.question import Question, ask, check, check_mask
 from ikgrad.solvers.solution import IKSolution, Reason
 from ikgrad.solvers.variety import distinct_solutions
 
@@ -75,18 +76,28 @@ def solve_ik(
         >>> solution.q.shape, bool(solution.success.all())
         (torch.Size([1000, 7]), True)
     """
+    check(robot, T_target, q0, tol_pos, tol_rot)
     if solutions < 1:
         raise ConfigError(f"solutions must be at least 1, got {solutions}")
     solver = LevenbergMarquardt() if solver is None else solver
-    question = ask(robot, T_target, q0=q0, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed)
     with torch.no_grad():
-        if solutions == 1:
-            answer, shape = _one(solver, question, T_target.dtype), tuple(T_target.shape[:-2])
+        if solutions == 1 and T_target.dtype == torch.float64 and serves(solver, T_target):
+            answer = solve_compiled(
+                robot, T_target, q0, solver, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
+            )
         else:
-            answer, shape = _several(solver, question, solutions, T_target.dtype), (*T_target.shape[:-2], solutions)
+            question = ask(
+                robot, T_target, q0=q0, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
+            )
+            answer = (
+                _one(solver, question, T_target.dtype)
+                if solutions == 1
+                else _several(solver, question, solutions, T_target.dtype)
+            )
     if torch.is_grad_enabled() and (T_target.requires_grad or robot.requires_grad):
-        answer = _differentiable(robot, T_target, answer, question.problem, solutions)
-    return _reshape(answer, shape)
+        answer = _differentiable(robot, T_target, answer, limits, mask)
+    shape = T_target.shape[:-2] if solutions == 1 else (*T_target.shape[:-2], solutions)
+    return answer if answer.success.shape == shape else answer.reshape(shape)
 
 
 def _one(solver: Solver, question: Question, dtype: torch.dtype) -> IKSolution:
@@ -96,7 +107,7 @@ def _one(solver: Solver, question: Question, dtype: torch.dtype) -> IKSolution:
     q = middle(problem) if start is None else start.clone()
     steps = torch.zeros(len(valid), dtype=torch.int64, device=valid.device)
     near = None if start is None else start[rows]
-    q[rows], steps[rows] = _attempt(solver, problem.rows(rows), near)
+    q[rows], steps[rows] = attempt(solver, problem.rows(rows), near)
     return judge(solver, problem, q, steps, valid, dtype)
 
 
@@ -110,7 +121,7 @@ def _several(solver: Solver, question: Question, k: int, dtype: torch.dtype) -> 
     steps = torch.zeros(len(valid), k, dtype=torch.int64, device=valid.device)
     found = torch.zeros_like(steps, dtype=torch.bool)
     near = None if start is None else start[rows]
-    q[rows], steps[rows], found[rows] = distinct_solutions(solver, problem.rows(rows), near, k, _attempt)
+    q[rows], steps[rows], found[rows] = distinct_solutions(solver, problem.rows(rows), near, k)
     answer = judge(solver, problem.rows(every), q.flatten(0, 1), steps.flatten(), valid[every], dtype)
     repeated = ~found.flatten() & answer.success
     answer.success[repeated] = False
@@ -118,38 +129,18 @@ def _several(solver: Solver, question: Question, k: int, dtype: torch.dtype) -> 
     return answer
 
 
-def _differentiable(robot: Robot, T_target: Tensor, answer: IKSolution, problem: Problem, k: int) -> IKSolution:
-    """The answer with gradients to the target and the geometry."""
-    T = T_target.reshape(-1, 4, 4).to(torch.float64).repeat_interleave(k, dim=0)
-    q = answer.q.double()
-    at_limit = (q == problem.q_min) | (q == problem.q_max)
-    q = attach_gradient(robot, q, T, success=answer.success, held=at_limit, mask=problem.mask)
-    return replace(answer, q=q.to(T_target.dtype))
-
-
-def middle(problem: Problem) -> Tensor:
-    """(B, n) the middle of the sampling range."""
-    low, high = problem.robot.sampling_range
-    return ((low + high) / 2).to(problem.T_target).expand(len(problem.key), -1).clone()
-
-
-def _attempt(solver: Solver, problem: Problem, q0: Tensor | None) -> tuple[Tensor, Tensor]:
-    """Run the method and bring the angles into range by whole turns: (B, n) and (B,) steps."""
-    if q0 is not None:
-        start = q0
-    elif isinstance(solver, LevenbergMarquardt):
-        start = best_start(problem, torch.zeros_like(problem.key), solver.candidates)
-    else:
-        start = middle(problem)
-    q, steps = run(solver, problem, start)
-    near = q0 if q0 is not None and solver.restarts else q
-    return whole_turns(problem, q, near), steps
-
-
-def _reshape(solution: IKSolution, shape: tuple[int, ...] | torch.Size) -> IKSolution:
-    fields = {name: getattr(solution, name) for name in IKSolution.__dataclass_fields__}
-    n = solution.q.shape[-1]
-    return IKSolution(**{name: x.reshape(*shape, n) if name == "q" else x.reshape(shape) for name, x in fields.items()})
+def _differentiable(
+    robot: Robot, T_target: Tensor, answer: IKSolution, limits: bool, mask: Tensor | Sequence[float] | None
+) -> IKSolution:
+    """The answer with gradients to the target and the geometry; flat."""
+    rows, q = T_target.shape[:-2].numel(), answer.q.reshape(-1, robot.dof).double()
+    T = T_target.reshape(-1, 4, 4).to(torch.float64)
+    if len(q) != rows:
+        T = T.repeat_interleave(len(q) // max(rows, 1), dim=0)
+    held = (q == robot.q_min.to(q)) | (q == robot.q_max.to(q)) if limits else torch.zeros_like(q, dtype=torch.bool)
+    success = answer.success.reshape(-1)
+    q = attach_gradient(robot, q, T, success=success, held=held, mask=check_mask(mask, T))
+    return replace(answer, q=q.to(T_target.dtype).reshape(answer.q.shape))
 
 
 class Trace(NamedTuple):
@@ -196,6 +187,7 @@ def trace_ik(
     """
     if T_target.ndim != 2:
         raise ShapeError(f"T_target must have shape (4, 4) here, got {tuple(T_target.shape)}")
+    check(robot, T_target, q0, tol_pos, tol_rot)
     solver = LevenbergMarquardt() if solver is None else solver
     problem, start, valid = ask(
         robot, T_target, q0=q0, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
+from ikgrad.solvers.attempt import attempt
 from ikgrad.solvers.base import Solver
 from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.starts import random_configurations
 
-Attempt = Callable[[Solver, Problem, Tensor | None], tuple[Tensor, Tensor]]
 DIFFERENT = 1e-3  # largest joint change below which two answers are the same solution [rad or m]
 STARTS_PER_SOLUTION = 16
 
 
-def distinct_solutions(
-    solver: Solver, problem: Problem, q0: Tensor | None, k: int, attempt: Attempt
-) -> tuple[Tensor, Tensor, Tensor]:
+def distinct_solutions(solver: Solver, problem: Problem, q0: Tensor | None, k: int) -> tuple[Tensor, Tensor, Tensor]:
     """Up to k different solutions per row, from many starts, sorted by largest joint change from ``q0``.
 
     Args:
@@ -27,7 +24,6 @@ def distinct_solutions(
         problem: B rows.
         q0: (B, n) where to stay near, or None for the middle of the range.
         k: how many.
-        attempt: runs the method on a batch.
 
     Returns:
         (B, k, n) joints; (B, k) steps of the attempt behind each; (B, k) bool, False where no further solution was
