@@ -43,12 +43,13 @@ def walk(base: Any, joints: Any, kinds: Any, q: Any, frames: Any) -> Any:
     for k in range(kinds.size // 2):
         i = 9 * k
         tx, ty, tz, cb, sb = joints[i], joints[i + 1], joints[i + 2], joints[i + 3], joints[i + 4]
-        px = px + xx * tx + yx * ty + zx * tz
-        py = py + xy * tx + yy * ty + zy * tz
-        pz = pz + xz * tx + yz * ty + zz * tz
-        yx, zx = yx * cb + zx * sb, zx * cb - yx * sb
-        yy, zy = yy * cb + zy * sb, zy * cb - yy * sb
-        yz, zz = yz * cb + zz * sb, zz * cb - yz * sb
+        if k > 0:  # the first joint's frame is the base's
+            px = px + xx * tx + yx * ty + zx * tz
+            py = py + xy * tx + yy * ty + zy * tz
+            pz = pz + xz * tx + yz * ty + zz * tz
+            yx, zx = yx * cb + zx * sb, zx * cb - yx * sb
+            yy, zy = yy * cb + zy * sb, zy * cb - yy * sb
+            yz, zz = yz * cb + zz * sb, zz * cb - yz * sb
         j = k * WALK
         store(frames, j, zx)
         store(frames, j + W, zy)

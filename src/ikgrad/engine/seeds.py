@@ -25,8 +25,8 @@ from ikgrad.engine.vecmath import atan2_roughly, cross
 if TYPE_CHECKING:
     from ikgrad.engine.tables import PackedChain
 
-SAMPLES = 1 << 18
-_BINS = (16, 16, 12, 12, 2)  # radius, height, and z: outwards, sideways, up or down
+SAMPLES = 1 << 16
+_BINS = (8, 8, 6, 6, 2)  # radius, height, and z: outwards, sideways, up or down
 _FAR_AWAY = 1e6  # features of an empty slot
 _TOO_FAR = 100.0  # score above which a slot is taken to be empty
 FEATURES = 5  # radius, height, z outwards, z sideways, z upwards

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 _CHUNK = 2048
 _NONE = np.empty(0)
 _ONES = np.ones(6)
+_ONES_LIST = [1.0] * 6
 
 
 class Solved(NamedTuple):
@@ -39,13 +41,13 @@ def solve(
     tol_rot: float = 1e-6,
     limits: bool = True,
     max_steps: int = 60,
-    max_starts: int = 100,
+    max_starts: int = 300,
     seed: int = 0,
     damping: float = 0.05,
     max_step: float = 0.8,
     stall: float = 0.7,
     patience: int = 5,
-    near: float = 1e-2,
+    near: float = 0.03,
     guesses: int = 8,
     threads: int = 1,
 ) -> Solved:
@@ -78,11 +80,22 @@ def solve(
     flat = np.ascontiguousarray(T, dtype=np.float64).reshape(-1)
     first = _NONE if q0 is None else np.ascontiguousarray(q0, dtype=np.float64).reshape(-1)
     weights = np.ascontiguousarray(weights, dtype=np.float64)
-    settings = np.array([tol_pos, tol_rot, damping, max_step, stall * stall, near * near])
-    masked = bool((weights != 1.0).any())
-    counts = np.array([seed & (2**63 - 1), max_steps, max_starts, limits, masked, patience, guesses], dtype=np.int64)
-    q, errors, info = np.empty((rows, n)), np.empty((rows, 2)), np.empty((rows, 3), dtype=np.int64)
-    out = q.reshape(-1), errors.reshape(-1), info.reshape(-1)
+    constants = _constants(
+        (tol_pos, tol_rot, damping, max_step, stall * stall, near * near),
+        (seed & (2**63 - 1), max_steps, max_starts, limits, weights.tolist() != _ONES_LIST, patience, guesses),
+    )
+    q, errors, info = np.empty(rows * n), np.empty(rows * 2), np.empty(rows * 3, dtype=np.int64)
     run, tables = prepare(solve_rows), chain.solver_tables
-    for_chunks(lambda a, b: run(*tables, flat, first, weights, settings, counts, *out, a, b), rows, _CHUNK, threads)
-    return Solved(q, errors[:, 0], errors[:, 1], info[:, 0], info[:, 1], info[:, 2] != 0)
+
+    def work(a: int, b: int) -> None:
+        run(*tables, flat, first, weights, *constants, q, errors, info, a, b)
+
+    for_chunks(work, rows, _CHUNK, threads)
+    error, count = errors.reshape(rows, 2), info.reshape(rows, 3)
+    return Solved(q.reshape(rows, n), error[:, 0], error[:, 1], count[:, 0], count[:, 1], count[:, 2] != 0)
+
+
+@functools.lru_cache(maxsize=64)
+def _constants(settings: tuple[float, ...], counts: tuple[int, ...]) -> tuple[Array, NDArray[np.int64]]:
+    """The settings as the kernel takes them; kept, because a call for one pose feels their making."""
+    return np.array(settings, dtype=np.float64), np.array(counts, dtype=np.int64)

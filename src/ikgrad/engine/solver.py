@@ -75,13 +75,34 @@ def _log_lanes(spill: Any, lanes: int) -> None:
 
 
 @njit(forceinline=True)
-def _into(X: Any, Y: Any, Z: Any, x: Any, y: Any, z: Any) -> Any:
-    """R^T v for the rotation with columns X, Y, Z."""
+def target_columns(target: Any, tool: Any) -> Any:
+    """Columns of R*, from R* R_tool^T."""
+    x = load(target, 0), load(target, W), load(target, 2 * W)
+    y = load(target, 3 * W), load(target, 4 * W), load(target, 5 * W)
+    z = load(target, 6 * W), load(target, 7 * W), load(target, 8 * W)
+    turned = (x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2])
     return (
-        X[0] * x + X[1] * y + X[2] * z,
-        Y[0] * x + Y[1] * y + Y[2] * z,
-        Z[0] * x + Z[1] * y + Z[2] * z,
+        rotate(turned, tool[0], tool[1], tool[2]),
+        rotate(turned, tool[3], tool[4], tool[5]),
+        rotate(turned, tool[6], tool[7], tool[8]),
     )
+
+
+@njit(forceinline=True)
+def _into(columns: Any, x: Any, y: Any, z: Any) -> Any:
+    """R^T v for the rotation with these columns."""
+    a, b, c = columns
+    return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
+
+
+@njit(forceinline=True)
+def _turning_column(joints: Any, frames: Any, k: int, p: Any) -> Any:
+    """Jacobian column of a turning joint that is the only one of its variable."""
+    j, multiplier = k * WALK, joints[9 * k + 5]
+    zx, zy, zz = load(frames, j) * multiplier, load(frames, j + W) * multiplier, load(frames, j + 2 * W) * multiplier
+    ox, oy, oz = load(frames, j + 3 * W), load(frames, j + 4 * W), load(frames, j + 5 * W)
+    lx, ly, lz = cross(zx, zy, zz, p[0] - ox, p[1] - oy, p[2] - oz)
+    return lx, ly, lz, zx, zy, zz
 
 
 @njit(forceinline=True)
@@ -141,6 +162,9 @@ def solve_rows(
     tol_pos, tol_rot = (settings[0] / length) ** 2, settings[1] ** 2
     damping, max_step, stall, near = settings[2], settings[3], settings[4], settings[5]
     has_q0 = q0.size > 0
+    simple = n == m  # one turning joint a variable, in order: its column needs no detour
+    for k in range(m):
+        simple = simple and kinds[2 * k] == 0 and kinds[2 * k + 1] == k
     base, joints, tool = _unit_chain(base, joints, tool, kinds, length)
     q, frames, J = aligned(n * W), aligned(m * WALK), aligned(6 * n * W)
     target, spill, measured = aligned(12 * W), aligned(21 * W), aligned(3 * W)
@@ -234,12 +258,10 @@ def solve_rows(
         Z = load(target, 6 * W), load(target, 7 * W), load(target, 8 * W)
         e3, e4, e5 = _rotation_error(frame, X, Y, Z, spill, active)
         e0, e1, e2 = load(target, 9 * W) - p[0], load(target, 10 * W) - p[1], load(target, 11 * W) - p[2]
-        A0 = rotate((X[0], X[1], X[2], Y[0], Y[1], Y[2], Z[0], Z[1], Z[2]), tool[0], tool[1], tool[2])
-        A1 = rotate((X[0], X[1], X[2], Y[0], Y[1], Y[2], Z[0], Z[1], Z[2]), tool[3], tool[4], tool[5])
-        A2 = rotate((X[0], X[1], X[2], Y[0], Y[1], Y[2], Z[0], Z[1], Z[2]), tool[6], tool[7], tool[8])
         if masked:
-            e0, e1, e2 = _into(A0, A1, A2, e0, e1, e2)
-            e3, e4, e5 = _into(A0, A1, A2, e3, e4, e5)
+            turn = target_columns(target, tool)
+            e0, e1, e2 = _into(turn, e0, e1, e2)
+            e3, e4, e5 = _into(turn, e3, e4, e5)
             e0 = e0 * (1.0 if weights[0] > 0.0 else 0.0)
             e1 = e1 * (1.0 if weights[1] > 0.0 else 0.0)
             e2 = e2 * (1.0 if weights[2] > 0.0 else 0.0)
@@ -267,17 +289,22 @@ def solve_rows(
             store(measured, W, rotation)
             store(measured, 2 * W, error)
         # (4) the damped step
-        _columns(joints, kinds, frames, p, J, length)
+        if not simple:
+            _columns(joints, kinds, frames, p, J, length)
         zero = splat(0.0)
         A = (zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero,
              zero, zero, zero, zero, zero, zero)  # fmt: skip
         for j in range(n):
             i = 6 * j * W
-            u0, u1, u2 = load(J, i), load(J, i + W), load(J, i + 2 * W)
-            u3, u4, u5 = load(J, i + 3 * W), load(J, i + 4 * W), load(J, i + 5 * W)
+            if simple:
+                u0, u1, u2, u3, u4, u5 = _turning_column(joints, frames, j, p)
+            else:
+                u0, u1, u2 = load(J, i), load(J, i + W), load(J, i + 2 * W)
+                u3, u4, u5 = load(J, i + 3 * W), load(J, i + 4 * W), load(J, i + 5 * W)
             if masked:
-                u0, u1, u2 = _into(A0, A1, A2, u0, u1, u2)
-                u3, u4, u5 = _into(A0, A1, A2, u3, u4, u5)
+                turn = target_columns(target, tool)
+                u0, u1, u2 = _into(turn, u0, u1, u2)
+                u3, u4, u5 = _into(turn, u3, u4, u5)
                 u0, u1, u2 = u0 * weights[0], u1 * weights[1], u2 * weights[2]
                 u3, u4, u5 = u3 * weights[3], u4 * weights[4], u5 * weights[5]
             if limits:
@@ -286,7 +313,7 @@ def solve_rows(
                 held = ((value >= q_max[j]) & (slope > 0.0)) | ((value <= q_min[j]) & (slope < 0.0))
                 u0, u1, u2 = select(held, 0.0, u0), select(held, 0.0, u1), select(held, 0.0, u2)
                 u3, u4, u5 = select(held, 0.0, u3), select(held, 0.0, u4), select(held, 0.0, u5)
-            if masked or limits:
+            if masked or limits or simple:
                 store(J, i, u0)
                 store(J, i + W, u1)
                 store(J, i + 2 * W, u2)

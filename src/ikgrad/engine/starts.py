@@ -13,7 +13,7 @@ from ikgrad.engine.seeds import FEATURES, guess_lanes
 from ikgrad.engine.simd import W, bits, fabs, load, select, splat, store
 
 _HUGE = 1e150  # a target with larger numbers cannot be squared
-_JITTER = 1.0  # bins, see `restart`
+_JITTER = 2.0  # bins, see `restart`
 
 
 @njit(forceinline=True)
