@@ -192,6 +192,8 @@ def test_misprints_are_numbered_and_carry_their_evidence(study: AppsStudy):
     evidence = {erratum.number: erratum.evidence for erratum in study.errata}
     assert "4.4e-10 to 4.8e-10" in evidence[2]
     assert "0.14 mm off Table 4 and E 1.6e-08" in evidence[4]
+    assert "y = 0.019 mm" in evidence[10]
+    assert study.errata[9].right == "y = 0.00002; MAE_1 = 0.01, MAE_2 = 0.04"
     assert study.errata[5].right == "-89.6430"
     assert study.errata[8].right == "22.7069 s"
 

@@ -64,6 +64,18 @@ def test_mistakes_get_one_line(
     assert len(err.strip().splitlines()) == 1
 
 
+def test_a_folder_that_was_made_for_nothing_is_taken_away(
+    quick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ikgrad.papers.apps.study.run_study", stop)
+    assert main(["reproduce", "apps", "--config", quick, "--out", str(tmp_path / "out")]) == 130
+    assert "nothing was written" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_unknown_key_names_the_nearest(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "wrong.yaml"
     path.write_text("random_start: 5\n")

@@ -42,18 +42,19 @@ def run_apps(args: argparse.Namespace) -> int:
     config = load_config(AppsConfig, args.config) if args.config else AppsConfig()
     if args.starts is not None:
         config = replace(config, random_starts=args.starts)
-    outputs = _outputs(Path(args.out), force=args.force) if args.out else {}
+    with _folder(args.out):
+        outputs = _outputs(Path(args.out), force=args.force) if args.out else {}
 
-    from ikgrad.papers.apps.study import run_study
+        from ikgrad.papers.apps.study import run_study
 
-    with _progress() as show:
-        study = run_study(config, progress=show)
-    if args.json:
-        print_json(study.to_json())
-    else:
-        _print(study)
-    if outputs:
+        with _progress() as show:
+            study = run_study(config, progress=show)
+        if args.json:
+            print_json(study.to_json())
+        else:
+            _print(study)
         _write(study, outputs, force=args.force)
+    if outputs:
         note(f"wrote {', '.join(path.name for path in outputs.values())} to {args.out}")
     return 0
 
@@ -66,21 +67,16 @@ def _print(study: AppsStudy) -> None:
 
 
 def _outputs(folder: Path, *, force: bool) -> dict[str, Path]:
-    """The files to be written, by what they show; the folder is made, its parent must exist."""
-    from ikgrad.errors import DataError
+    """The files to be written, by what they show."""
     from ikgrad.files.places import check_output
 
-    if folder.exists() and not folder.is_dir():
-        raise DataError(f"{folder}: is a file, not a folder")
-    if not folder.exists():
-        if not folder.absolute().parent.is_dir():
-            raise DataError(f"{folder}: the folder '{folder.parent}' does not exist; create it first")
-        folder.mkdir()
     names = ("apps_convergence.png", "apps_path.png", "apps_learning_rate.png", "apps_iterations.png", "apps.json")
     return {Path(name).stem: check_output(folder / name, [".png", ".json"], force=force) for name in names}
 
 
 def _write(study: AppsStudy, outputs: dict[str, Path], *, force: bool) -> None:
+    if not outputs:
+        return
     from ikgrad.files.places import in_one_move
     from ikgrad.papers.apps.figures import FIGURES
     from ikgrad.plots import save_figure
@@ -91,6 +87,27 @@ def _write(study: AppsStudy, outputs: dict[str, Path], *, force: bool) -> None:
             continue
         with in_one_move(path, force=force) as temporary:
             temporary.write_text(json.dumps(study.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _folder(name: str | None) -> Iterator[None]:
+    """Make the folder if it is missing (its parent must exist), and take it away again if nothing comes of it."""
+    from ikgrad.errors import DataError
+
+    folder = Path(name or ".")
+    if folder.exists() and not folder.is_dir():
+        raise DataError(f"{folder}: is a file, not a folder")
+    if not folder.absolute().parent.is_dir():
+        raise DataError(f"{folder}: the folder '{folder.parent}' does not exist; create it first")
+    made = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if made:
+            with contextlib.suppress(OSError):  # not empty: some files were written
+                folder.rmdir()
+        raise
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ from torch import Tensor
 from ikgrad.kinematics import forward_kinematics, pose_and_jacobian
 from ikgrad.papers.apps.compare import DescentRow
 from ikgrad.papers.apps.experiment import JOINT_COLUMNS, Motion, entry_error
-from ikgrad.papers.apps.tables import CORRECTED_JOINTS, mean_errors_mm, printed_position, table5
+from ikgrad.papers.apps.tables import CORRECTED_JOINTS, mean_errors_mm, printed_position, two_decimals
 from ikgrad.papers.printed import find_row, numbers, read_table
 from ikgrad.robot import load_robot
 
@@ -54,7 +54,7 @@ def errata(
         ),
         Erratum(8, "Table 6", 'motion "I-2"', "1-2", "the sequence of motions"),
         _mean_time(),
-        _rounded_to_zero(motions),
+        _rounded_to_zero(),
         _wrap(),
         _jacobian(motions[0]),
         Erratum(
@@ -153,18 +153,20 @@ def _mean_time() -> Erratum:
     return Erratum(9, "mean time of Newton-Raphson", "22.7067 s", f"{mean:.4f} s", "mean of the column of Table 6")
 
 
-def _rounded_to_zero(motions: Sequence[Motion]) -> Erratum:
+def _rounded_to_zero() -> Erratum:
     """Not only MAE_1 (0 for 0.0068 mm): the y of R_1 in Table 4 is 0 too, and MAE_2 follows from that 0."""
-    y = float(_fk(printed_joints("6-I", "R_1"))[1, 3])
-    row = table5(motions)[-1]
-    exact = mean_errors_mm({key: printed_position("6-I", key) for key in ("T", "R_1", "R_2")})
+    table4 = {key: printed_position("6-I", key) for key in ("T", "R_1", "R_2")}
+    xyz = table4 | {key: _fk(printed_joints("6-I", key))[:3, 3].numpy() for key in ("R_1", "R_2")}
+    y, exact = xyz["R_1"][1], mean_errors_mm(xyz)
+    first, second, _ = two_decimals(mean_errors_mm({key: np.round(value, 5) for key, value in xyz.items()}))
+    chained = two_decimals(mean_errors_mm(table4))
     return Erratum(
         10,
         "Table 4, 6-I, R_1, y; Table 5, 6-I",
         "y = 0; MAE_1 = 0, MAE_2 = 0.05",
-        f"y = {y:.5f}; MAE_1 = {row.ours_mm[0]:.2f}, MAE_2 = {row.ours_mm[1]:.2f}",
-        f"FK of the printed R_1 gives y = {y * 1e3:.3f} mm; unrounded MAE {row.unrounded_mm[0]:.4f} and "
-        f"{row.unrounded_mm[1]:.4f} mm; the printed {exact[0]:.2f} and {exact[1]:.2f} follow from y = 0",
+        f"y = {y:.5f}; MAE_1 = {first:.2f}, MAE_2 = {second:.2f}",
+        f"FK of the printed R_1 gives y = {y * 1e3:.3f} mm; unrounded MAE {exact[0]:.4f} and {exact[1]:.4f} mm; "
+        f"the printed {chained[0]:.2f} and {chained[1]:.2f} follow from y = 0",
     )
 
 
