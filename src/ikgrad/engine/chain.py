@@ -194,6 +194,13 @@ def padded(source: Any, row: int, rows: int, n: int) -> Any:
     return block
 
 
+@njit(forceinline=True)
+def _copy(source: Any, target: Any, at: int, count: int) -> None:
+    """A loop: Numba compiles an assignment between slices ten times slower."""
+    for i in range(count):
+        target[at + i] = source[i]
+
+
 @kernel
 def fk_rows(base: Any, joints: Any, kinds: Any, tool: Any, q: Any, T: Any, first: int, last: int, n: int) -> None:
     """Poses (B, 4, 4) of rows first..last of q (B, n), both flat; ``first`` is a multiple of 8."""
@@ -212,7 +219,7 @@ def fk_rows(base: Any, joints: Any, kinds: Any, tool: Any, q: Any, T: Any, first
         else:
             rest = np.empty(W * 16)
             _pose_block(frame, tool, rest, 0, out)
-            T[row * 16 : last * 16] = rest[: (last - row) * 16]
+            _copy(rest, T, row * 16, (last - row) * 16)
         row += W
 
 
@@ -231,7 +238,7 @@ def jacobian_rows(base: Any, joints: Any, kinds: Any, tool: Any, q: Any, J: Any,
         else:
             rest = np.empty(W * 6 * n)
             scatter_rows(out, rest, 0, 6 * n)
-            J[row * 6 * n : last * 6 * n] = rest[: (last - row) * 6 * n]
+            _copy(rest, J, row * 6 * n, (last - row) * 6 * n)
         row += W
 
 
@@ -255,5 +262,5 @@ def vjp_rows(
         else:
             rest = np.empty(W * n)
             scatter_rows(out, rest, 0, n)
-            grad[row * n : last * n] = rest[: (last - row) * n]
+            _copy(rest, grad, row * n, (last - row) * n)
         row += W

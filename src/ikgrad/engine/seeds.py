@@ -107,10 +107,10 @@ def _bin(value: Any, bins: float) -> Any:
 @njit(forceinline=True)
 def _cells_of(radius: Any, height: Any, zr: Any, zt: Any, zh: Any, grid: Any) -> Any:
     """Cells of eight targets, as floats; the same as `_cells`."""
-    a = _bin((radius - grid[0]) * grid[2], _BINS[0])
-    b = _bin((height - grid[1]) * grid[3], _BINS[1])
-    c = _bin((zr + 1.0) * (_BINS[2] / 2), _BINS[2])
-    d = _bin((zt + 1.0) * (_BINS[3] / 2), _BINS[3])
+    a = _bin((radius - grid[0]) * grid[2], float(_BINS[0]))
+    b = _bin((height - grid[1]) * grid[3], float(_BINS[1]))
+    c = _bin((zr + 1.0) * (_BINS[2] / 2), float(_BINS[2]))
+    d = _bin((zt + 1.0) * (_BINS[3] / 2), float(_BINS[3]))
     up = select(zh > 0.0, 1.0, 0.0)
     return (((a * float(_BINS[1]) + b) * float(_BINS[2]) + c) * float(_BINS[3]) + d) * float(_BINS[4]) + up
 
@@ -190,7 +190,7 @@ def guess_lanes(
         grid,
     )
     store(scratch, 5 * W, cells)
-    weight, found = 1.0 / (grid[4] * grid[4]), 0
+    weight, found = 1.0 / (grid[4] * grid[4]), np.int64(0)
     for lane in range(W):  # independent lanes, so that their cache misses overlap
         if not (wanted >> lane) & 1:
             continue

@@ -133,10 +133,12 @@ def _columns(joints: Any, kinds: Any, frames: Any, p: Any, J: Any, length: float
 def _unit_chain(base: Any, joints: Any, tool: Any, kinds: Any, length: float) -> Any:
     """The chain with lengths divided by the typical length; q keeps its units."""
     base, joints, tool = base.copy(), joints.copy(), tool.copy()
-    base[9:] /= length
-    tool[9:] /= length
+    for i in range(3):
+        base[9 + i] /= length
+        tool[9 + i] /= length
     for k in range(kinds.size // 2):
-        joints[9 * k : 9 * k + 3] /= length
+        for i in range(3):
+            joints[9 * k + i] /= length
         if kinds[2 * k] != 0:
             joints[9 * k + 5] /= length
             joints[9 * k + 6] /= length
@@ -173,16 +175,16 @@ def solve_rows(
     q[:], target[:], ages[:] = 0.0, 0.0, 0.0
     # the next eight rows, made ready together
     next_target, next_q, lanes = aligned(12 * W), aligned(n * W), aligned(16 * W)
-    next_rows, no_starts, sound = np.zeros(W, np.int64), np.zeros(W, np.int64), 0
+    next_rows, no_starts, sound = np.zeros(W, np.int64), np.zeros(W, np.int64), np.int64(0)
     next_q[:] = 0.0
     ranks, jitter, scratch = np.zeros(W, np.int64), aligned(5 * W), aligned(9 * W)
     history1 = history2 = history3 = splat(math.inf)
-    cursor, active, failed = first, 0, 0
+    cursor, active, failed = first, np.int64(0), np.int64(0)  # typed: a literal compiles what it enters twice
     done = (1 << W) - 1  # every lane asks for its first row
     while True:
         # (1) lanes that are done get the row's next start or the next row
         if done != 0:
-            again = 0
+            again = np.int64(0)
             for lane in range(W):
                 bit = 1 << lane
                 if not done & bit:
@@ -214,7 +216,7 @@ def solve_rows(
                         sound = load_targets(
                             T if whole else padded(T, row, last, 16), at, tool, length, lanes, next_target
                         )
-                        given = 0
+                        given = np.int64(0)
                         if has_q0:
                             given = load_starts(
                                 q0 if whole else padded(q0, row, last, n), at, limits, q_min, q_max, next_q

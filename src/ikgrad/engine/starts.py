@@ -108,7 +108,7 @@ def next_starts(
         scratch: (9 * 8,) scratch.
     """
     n = low.size
-    from_cells = 0
+    from_cells = np.int64(0)
     for lane in range(W):
         ranks[lane] = max(starts[lane] - (1 if q0.size > 0 else 0), 0)
         for i in range(FEATURES):
@@ -123,7 +123,7 @@ def next_starts(
             key = _key(T, q0, rows[lane], starts[lane], seed, n)
             for i in range(FEATURES):
                 jitter[i * W + lane] = _JITTER * (2.0 * unit(mix(key, np.uint64(i))) - 1.0)
-    found = 0
+    found = np.int64(0)
     if from_cells != 0:
         pose = _last_frames(target, base, tool, length)
         found = guess_lanes(
