@@ -19,7 +19,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ikgrad.engine.simd import W, floor, get_lane, load, load_single, lowest, mask_of, select, set_lane, sqrt, store
+from ikgrad.engine.simd import (
+    NO_LANES,
+    W,
+    floor,
+    get_lane,
+    load,
+    load_single,
+    lowest,
+    mask_of,
+    select,
+    set_lane,
+    sqrt,
+    store,
+)
 from ikgrad.engine.vecmath import atan2_roughly, cross
 
 if TYPE_CHECKING:
@@ -190,7 +203,7 @@ def guess_lanes(
         grid,
     )
     store(scratch, 5 * W, cells)
-    weight, found = 1.0 / (grid[4] * grid[4]), np.int64(0)
+    weight, found = 1.0 / (grid[4] * grid[4]), NO_LANES
     for lane in range(W):  # independent lanes, so that their cache misses overlap
         if not (wanted >> lane) & 1:
             continue

@@ -15,6 +15,7 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
@@ -22,6 +23,7 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 W = 8  # lanes
+NO_LANES: Any = np.int64(0)  # an empty set of lanes; the literal 0 is another type, and Numba compiles for both
 
 _F64 = ir.DoubleType()
 _I64 = ir.IntType(64)

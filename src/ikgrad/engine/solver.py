@@ -21,7 +21,7 @@ from numba import njit
 from ikgrad.engine.cache import kernel
 from ikgrad.engine.chain import WALK, aligned, padded, rotate, tip_position, walk
 from ikgrad.engine.linear import add_outer, solve6
-from ikgrad.engine.simd import W, bits, load, mask_of, select, splat, store
+from ikgrad.engine.simd import NO_LANES, W, bits, load, mask_of, select, splat, store
 from ikgrad.engine.starts import load_starts, load_targets, next_starts
 from ikgrad.engine.vecmath import angle_over_sine, cross, log_near_pi
 
@@ -175,16 +175,16 @@ def solve_rows(
     q[:], target[:], ages[:] = 0.0, 0.0, 0.0
     # the next eight rows, made ready together
     next_target, next_q, lanes = aligned(12 * W), aligned(n * W), aligned(16 * W)
-    next_rows, no_starts, sound = np.zeros(W, np.int64), np.zeros(W, np.int64), np.int64(0)
+    next_rows, no_starts, sound = np.zeros(W, np.int64), np.zeros(W, np.int64), NO_LANES
     next_q[:] = 0.0
     ranks, jitter, scratch = np.zeros(W, np.int64), aligned(5 * W), aligned(9 * W)
     history1 = history2 = history3 = splat(math.inf)
-    cursor, active, failed = first, np.int64(0), np.int64(0)  # typed: a literal compiles what it enters twice
+    cursor, active, failed = first, NO_LANES, NO_LANES
     done = (1 << W) - 1  # every lane asks for its first row
     while True:
         # (1) lanes that are done get the row's next start or the next row
         if done != 0:
-            again = np.int64(0)
+            again = NO_LANES
             for lane in range(W):
                 bit = 1 << lane
                 if not done & bit:
@@ -216,7 +216,7 @@ def solve_rows(
                         sound = load_targets(
                             T if whole else padded(T, row, last, 16), at, tool, length, lanes, next_target
                         )
-                        given = np.int64(0)
+                        given = NO_LANES
                         if has_q0:
                             given = load_starts(
                                 q0 if whole else padded(q0, row, last, n), at, limits, q_min, q_max, next_q

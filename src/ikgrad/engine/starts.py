@@ -10,7 +10,7 @@ from numba import njit
 from ikgrad.engine.chain import gather_rows
 from ikgrad.engine.randoms import mix, mix_floats, unit
 from ikgrad.engine.seeds import FEATURES, guess_lanes
-from ikgrad.engine.simd import W, bits, fabs, load, select, splat, store
+from ikgrad.engine.simd import NO_LANES, W, bits, fabs, load, select, splat, store
 
 _HUGE = 1e150  # a target with larger numbers cannot be squared
 _JITTER = 2.0  # bins, see `restart`
@@ -108,7 +108,7 @@ def next_starts(
         scratch: (9 * 8,) scratch.
     """
     n = low.size
-    from_cells = np.int64(0)
+    from_cells = NO_LANES
     for lane in range(W):
         ranks[lane] = max(starts[lane] - (1 if q0.size > 0 else 0), 0)
         for i in range(FEATURES):
@@ -123,7 +123,7 @@ def next_starts(
             key = _key(T, q0, rows[lane], starts[lane], seed, n)
             for i in range(FEATURES):
                 jitter[i * W + lane] = _JITTER * (2.0 * unit(mix(key, np.uint64(i))) - 1.0)
-    found = np.int64(0)
+    found = NO_LANES
     if from_cells != 0:
         pose = _last_frames(target, base, tool, length)
         found = guess_lanes(
