@@ -48,8 +48,9 @@ def tool_error(robot: ik.Robot, real: ik.Robot, q: Tensor) -> tuple[float, float
     return 1e3 * float(e[:, :3].norm(dim=-1).mean()), math.degrees(float(e[:, 3:].norm(dim=-1).mean()))
 
 
-def calibrate(nominal: ik.Robot, T: Tensor, q: Tensor, *, iterations: int = 200) -> ik.Robot:
-    """Link parameters for which inverse kinematics of the poses T gives the joints q."""
+def calibrate(nominal: ik.Robot, T: Tensor, q: Tensor, *, iterations: int = 200) -> tuple[ik.Robot, list[float]]:
+    """Link parameters for which inverse kinematics of the poses T gives the joints q; and the loss on the way."""
+    losses: list[float] = []
     theta = torch.zeros(nominal.dof + 1, 6, dtype=torch.float64, requires_grad=True)
     optimizer = torch.optim.LBFGS(
         [theta],
@@ -66,30 +67,36 @@ def calibrate(nominal: ik.Robot, T: Tensor, q: Tensor, *, iterations: int = 200)
         solution = ik.solve_ik(robot, T, q0=q, limits=False, tol_pos=1e-11, tol_rot=1e-11)
         value = ((solution.q - q) / ANGLE).square()[solution.success].mean()
         value.backward()
+        losses.append(float(value.detach()))
         return value
 
     optimizer.step(loss)
-    return with_parameters(nominal, theta.detach())
+    return with_parameters(nominal, theta.detach()), losses
+
+
+def simulate(seed: int) -> tuple[ik.Robot, ik.Robot, Tensor, Tensor]:
+    """The arm of the data sheet, a real one, 60 configurations to measure at, and 200 to judge at."""
+    nominal = ik.load_robot("kr210")
+    generator = torch.Generator().manual_seed(seed)
+    truth = 2 * torch.rand(nominal.dof + 1, 6, dtype=torch.float64, generator=generator) - 1
+    q, unseen = (ik.sample_configurations(nominal, n, seed=s) for n, s in ((60, seed), (200, seed + 1)))
+    return nominal, with_parameters(nominal, truth), q, unseen
 
 
 def main() -> None:
     """Simulate, calibrate, judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
-    seed = parser.parse_args().seed
-    nominal = ik.load_robot("kr210")
-    generator = torch.Generator().manual_seed(seed)
-    truth = 2 * torch.rand(nominal.dof + 1, 6, dtype=torch.float64, generator=generator) - 1
-    real = with_parameters(nominal, truth)
-    q = ik.sample_configurations(nominal, 60, seed=seed)
-    unseen = ik.sample_configurations(nominal, 200, seed=seed + 1)
+    parser.add_argument("--iterations", type=int, default=200, help="of L-BFGS (default 200)")
+    args = parser.parse_args()
+    nominal, real, q, unseen = simulate(args.seed)
     begin = time.perf_counter()
-    found = calibrate(nominal, ik.forward_kinematics(real, q), q)
+    found, losses = calibrate(nominal, ik.forward_kinematics(real, q), q, iterations=args.iterations)
     seconds = time.perf_counter() - begin
     before, after = tool_error(nominal, real, unseen), tool_error(found, real, unseen)
-    print(f"before: {before[0]:.4f} mm {before[1]:.5f} deg on 200 unseen configurations")
+    print(f"before: {before[0]:.4f} mm {before[1]:.5f} deg on {len(unseen)} unseen configurations")
     print(f"after:  {after[0]:.2e} mm {after[1]:.2e} deg")
-    print(f"ratio:  {after[0] / before[0]:.2e} {after[1] / before[1]:.2e} in {seconds:.1f} s")
+    print(f"ratio:  {after[0] / before[0]:.2e} {after[1] / before[1]:.2e}, {len(losses)} evaluations, {seconds:.1f} s")
 
 
 if __name__ == "__main__":

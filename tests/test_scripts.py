@@ -1,0 +1,28 @@
+"""The example scripts do what their first lines say."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def run(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=280)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_calibration_takes_the_tool_error_below_a_thousandth():
+    printed = run("scripts/calibrate_kr210.py", "--seed", "3", "--iterations", "60")
+    ratio = re.search(r"ratio: +(\S+) (\S+),", printed)
+    assert ratio is not None
+    assert all(float(value) < 1e-3 for value in ratio.groups()), printed
+
+
+def test_the_survey_loads_every_built_in_robot():
+    printed = run("scripts/survey_urdfs.py", "urdf")
+    assert "7 files: {'loaded': 7}; 7 chains compared" in printed
