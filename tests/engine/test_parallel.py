@@ -22,6 +22,24 @@ def test_every_row_is_done_once():
         assert (seen == 1).all()
 
 
+def test_callers_may_ask_for_different_numbers_of_threads_at_once():
+    failures = []
+
+    def call(count):
+        try:
+            for _ in range(200):
+                for_chunks(lambda a, b: None, 40, 1, count)
+        except RuntimeError as error:
+            failures.append(error)
+
+    callers = [threading.Thread(target=call, args=(count,)) for count in (2, 3, 4, 5)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert not failures
+
+
 def test_an_interrupt_stops_all_threads():
     calls = []
 

@@ -27,8 +27,8 @@ def _helpers(count: int) -> ThreadPoolExecutor:
     global _pool, _size
     with _lock:
         if _pool is None or _size < count:
-            if _pool is not None:
-                _pool.shutdown(wait=False)
+            # a smaller pool before it is only dropped: another thread may be about to use it, and its threads end
+            # when nobody holds it any more
             _pool, _size = ThreadPoolExecutor(count, thread_name_prefix="ikgrad"), count
         return _pool
 
