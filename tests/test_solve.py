@@ -106,6 +106,27 @@ def test_a_start_outside_the_limits_is_brought_inside(panda: ik.Robot):
     assert_solved(panda, solution, T)
 
 
+@pytest.mark.parametrize("name", ["panda", "iiwa14", "ur5e", "kr210"])
+def test_a_followed_path_does_not_jump(name: str):
+    """Closed joint-space curves about comfortable configurations, q0 = the last answer, every tick a batch."""
+    robot = ik.load_robot(name)
+    low, high = robot.sampling_range
+    generator = torch.Generator().manual_seed(0)
+    middle = low + (0.35 + 0.3 * torch.rand(60, robot.dof, dtype=torch.float64, generator=generator)) * (high - low)
+    phase = 2 * math.pi * torch.rand(60, robot.dof, dtype=torch.float64, generator=generator)
+    ticks = torch.linspace(0, 2 * math.pi, 300, dtype=torch.float64)[:, None, None]
+    path = middle + 0.3 * torch.sin(ticks + phase)
+    smooth = torch.linalg.svdvals(ik.jacobian(robot, path))[..., -1].amin(dim=0) > 0.03 * min(1.0, robot.length)
+    path = path[:, smooth]
+    assert path.shape[1] >= 2
+    q = path[0]
+    for tick in path:
+        solution = ik.solve_ik(robot, ik.forward_kinematics(robot, tick), q0=q)
+        assert bool(solution.success.all())
+        assert float((solution.q - q).abs().max()) < 0.2
+        q = solution.q
+
+
 @pytest.mark.parametrize("name", BUILTIN)
 def test_solutions_are_different_sorted_and_valid(name: str):
     robot = ik.load_robot(name)

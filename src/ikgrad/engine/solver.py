@@ -7,7 +7,12 @@ the Jacobian J of the lane, lengths divided by the arm's typical length:
     dq = J^T (J J^T + mu I)^-1 e,   mu = damping |e|^2 + 1e-12
 
 A joint at a limit whose gradient points outwards leaves J for this step (active set); the step is cut at
-``max_step`` a joint, then at the limits.
+``max_step`` a joint, then at the limits. A redundant arm that starts from a given q0 uses its spare freedom to turn
+away from the limits,
+
+    dq = z + J^T (J J^T + mu I)^-1 (e - J z),   z_j = -3 |e| x_j^3,   x_j in [-1, 1] the place of the joint in its range
+
+or it would drift into them along a path, since the shortest steps do not come back to where they began.
 """
 
 from __future__ import annotations
@@ -21,11 +26,12 @@ from numba import njit
 from ikgrad.engine.cache import kernel
 from ikgrad.engine.chain import WALK, aligned, padded, rotate, tip_position, walk
 from ikgrad.engine.linear import add_outer, solve6
-from ikgrad.engine.simd import NO_LANES, W, bits, load, mask_of, select, splat, store
+from ikgrad.engine.simd import NO_LANES, W, bits, load, mask_of, select, splat, sqrt, store
 from ikgrad.engine.starts import load_starts, load_targets, next_starts
 from ikgrad.engine.vecmath import angle_over_sine, cross, log_near_pi
 
 _NEAR_PI = -0.9999  # cosine below which the rotation error is taken from the quaternion
+_SPARING = 3.0  # rad per unit error at the limit
 _HUGE = 1e200
 
 
@@ -164,15 +170,16 @@ def solve_rows(
     tol_pos, tol_rot = (settings[0] / length) ** 2, settings[1] ** 2
     damping, max_step, stall, near = settings[2], settings[3], settings[4], settings[5]
     has_q0 = q0.size > 0
+    sparing = has_q0 and limits and n > 6
     simple = n == m  # one turning joint a variable, in order: its column needs no detour
     for k in range(m):
         simple = simple and kinds[2 * k] == 0 and kinds[2 * k + 1] == k
     base, joints, tool = _unit_chain(base, joints, tool, kinds, length)
-    q, frames, J = aligned(n * W), aligned(m * WALK), aligned(6 * n * W)
+    q, frames, J, wish = aligned(n * W), aligned(m * WALK), aligned(6 * n * W), aligned(n * W)
     target, spill, measured = aligned(12 * W), aligned(21 * W), aligned(3 * W)
     rows, starts, totals = np.zeros(W, np.int64), np.zeros(W, np.int64), np.zeros(W, np.int64)
     best, ages = np.zeros(W), aligned(W)
-    q[:], target[:], ages[:] = 0.0, 0.0, 0.0
+    q[:], target[:], ages[:], wish[:] = 0.0, 0.0, 0.0, 0.0
     # the next eight rows, made ready together
     next_target, next_q, lanes = aligned(12 * W), aligned(n * W), aligned(16 * W)
     next_rows, no_starts, sound = np.zeros(W, np.int64), np.zeros(W, np.int64), NO_LANES
@@ -296,6 +303,8 @@ def solve_rows(
         zero = splat(0.0)
         A = (zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero,
              zero, zero, zero, zero, zero, zero)  # fmt: skip
+        r0, r1, r2, r3, r4, r5 = e0, e1, e2, e3, e4, e5
+        eager = -_SPARING * sqrt(error)
         for j in range(n):
             i = 6 * j * W
             if simple:
@@ -315,6 +324,12 @@ def solve_rows(
                 held = ((value >= q_max[j]) & (slope > 0.0)) | ((value <= q_min[j]) & (slope < 0.0))
                 u0, u1, u2 = select(held, 0.0, u0), select(held, 0.0, u1), select(held, 0.0, u2)
                 u3, u4, u5 = select(held, 0.0, u3), select(held, 0.0, u4), select(held, 0.0, u5)
+                if sparing and q_max[j] - q_min[j] < _HUGE:
+                    where = (value - 0.5 * (q_max[j] + q_min[j])) / (0.5 * (q_max[j] - q_min[j]))
+                    z = select(held, 0.0, where * where * where * eager)
+                    store(wish, j * W, z)
+                    r0, r1, r2 = r0 - u0 * z, r1 - u1 * z, r2 - u2 * z
+                    r3, r4, r5 = r3 - u3 * z, r4 - u4 * z, r5 - u5 * z
             if masked or limits or simple:
                 store(J, i, u0)
                 store(J, i + W, u1)
@@ -323,12 +338,14 @@ def solve_rows(
                 store(J, i + 4 * W, u4)
                 store(J, i + 5 * W, u5)
             A = add_outer(A, (u0, u1, u2, u3, u4, u5))
-        y0, y1, y2, y3, y4, y5 = solve6(A, error * damping + 1e-12, (e0, e1, e2, e3, e4, e5))
+        y0, y1, y2, y3, y4, y5 = solve6(A, error * damping + 1e-12, (r0, r1, r2, r3, r4, r5))
         idle = mask_of(done | ~active)
         for j in range(n):
             i = 6 * j * W
             step = load(J, i) * y0 + load(J, i + W) * y1 + load(J, i + 2 * W) * y2
             step = step + load(J, i + 3 * W) * y3 + load(J, i + 4 * W) * y4 + load(J, i + 5 * W) * y5
+            if sparing:
+                step = step + load(wish, j * W)
             step = select(step > max_step, max_step, select(step < -max_step, -max_step, step))
             if slide[j] != 0.0:
                 step = step * length

@@ -28,9 +28,10 @@ class LevenbergMarquardt:
     abandoned when the error has not fallen by 30 % in 3 steps after the fifth; the next one is the best, by error,
     of a few random configurations, which depend on the row and ``seed`` alone.
 
-    On the CPU the whole method runs in compiled kernels (`ikgrad.engine`), several rows side by side, and starts come
-    from a table of configurations near the target before random ones; elsewhere, or with ``compiled=False``, it is
-    the torch code of this file. Both find the same share of solutions, not the same ones.
+    On the CPU the whole method runs in compiled kernels (`ikgrad.engine`), several rows side by side. Starts come from
+    a table of configurations near the target before random ones; a redundant arm that is given ``q0`` also uses its
+    spare freedom to turn away from the limits, so that a followed path does not end in them. Elsewhere, or with
+    ``compiled=False``, it is the torch code of this file. Both find the same share of solutions, not the same ones.
 
     Args:
         damping: factor of |e|^2 in mu.
@@ -52,7 +53,7 @@ class LevenbergMarquardt:
 
     damping: float = 0.05
     step_limit: float = 0.8
-    max_starts: int = 256
+    max_starts: int = 300
     steps_per_start: int = 60
     compiled: bool = True
 
