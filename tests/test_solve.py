@@ -112,13 +112,13 @@ def test_a_followed_path_does_not_jump(name: str):
     robot = ik.load_robot(name)
     low, high = robot.sampling_range
     generator = torch.Generator().manual_seed(0)
-    middle = low + (0.35 + 0.3 * torch.rand(60, robot.dof, dtype=torch.float64, generator=generator)) * (high - low)
-    phase = 2 * math.pi * torch.rand(60, robot.dof, dtype=torch.float64, generator=generator)
+    middle = low + (0.2 + 0.6 * torch.rand(100, robot.dof, dtype=torch.float64, generator=generator)) * (high - low)
+    phase = 2 * math.pi * torch.rand(100, robot.dof, dtype=torch.float64, generator=generator)
     ticks = torch.linspace(0, 2 * math.pi, 300, dtype=torch.float64)[:, None, None]
     path = middle + 0.3 * torch.sin(ticks + phase)
     smooth = torch.linalg.svdvals(ik.jacobian(robot, path))[..., -1].amin(dim=0) > 0.03 * min(1.0, robot.length)
-    path = path[:, smooth]
-    assert path.shape[1] >= 2
+    path = path[:, smooth][:, :8]
+    assert path.shape[1] == 8
     q = path[0]
     for tick in path:
         solution = ik.solve_ik(robot, ik.forward_kinematics(robot, tick), q0=q)
