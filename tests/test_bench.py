@@ -12,6 +12,7 @@ import torch
 import ikgrad as ik
 from ikgrad.bench import ik as bench_ik_module
 from ikgrad.bench import targets
+from ikgrad.bench.boxes import solvable_nearby
 from ikgrad.bench.ik import Plan, bench_ik
 from ikgrad.bench.judge import into_range, judge
 from ikgrad.bench.kinematics import bench_kinematics
@@ -283,6 +284,15 @@ def test_paths_are_followed_together_and_one_by_one(monkeypatch: pytest.MonkeyPa
     assert (together.batch, alone.batch) == (2, 1)
     assert together.solved == alone.solved == together.rows == 80
     assert together.extra["largest_jump"] >= together.extra["largest_change_of_the_path"] / 2
+
+
+def test_a_jump_is_avoidable_where_a_solution_is_near(panda: ik.Robot):
+    q = ik.sample_configurations(panda, 6, seed=3)
+    near = (q + 0.1).clamp(panda.q_min, panda.q_max)
+    assert solvable_nearby(panda, ik.forward_kinematics(panda, near), q, 0.2).all()
+    far = ik.forward_kinematics(panda, q)
+    far[:, 0, 3] += 2.0
+    assert not solvable_nearby(panda, far, q, 0.2).any()
 
 
 @pytest.mark.parametrize(("command", "jobs"), [("fk", ["fk", "fk_backward"]), ("jacobian", ["jacobian"])])

@@ -111,6 +111,7 @@ def _stream_cell(
         solved=int(verdict.solved.sum()),
         outside=int((~verdict.inside).sum()),
         median=took / plan.rows,
+        mean=Interval(took / plan.rows, took / plan.rows, took / plan.rows),
         extra={"peak_memory_mb": peak, "seconds": took, "solve_poses_per_second": rate},
     )
 

@@ -147,9 +147,9 @@ def _columns(report: Report) -> Sequence[tuple[str, Callable[[Cell], str]]]:
         ("outside", lambda c: f"{c.outside:,}" if c.outside else ""),
         ("late", lambda c: f"{c.late:,}" if c.late else ""),
         ("us a row [95 %]", lambda c: _times(c.mean) if c.job != "cold" else ""),
-        ("median us", lambda c: f"{_digits(1e6 * c.median)}" if c.median is not None and c.job != "cold" else ""),
-        ("95th us", lambda c: _digits(1e6 * c.percentile_95) if c.percentile_95 is not None else ""),
-        ("times ours [95 %]", lambda c: _ratio(c.ratio) if c.ratio is not None else ""),
+        ("median us", lambda c: _each(c, c.median)),
+        ("95th us", lambda c: _each(c, c.percentile_95)),
+        ("times ours [95 %]", _ratio),
         ("mm 50/95/99 %", lambda c: _errors(c, "position_mm") if _loose(report) else ""),
         ("deg 50/95/99 %", lambda c: _errors(c, "rotation_deg") if _loose(report) else ""),
         ("our reasons", lambda c: ", ".join(f"{n:,} {r}" for r, n in c.reasons.items() if r != "converged")),
@@ -161,6 +161,7 @@ def _columns(report: Report) -> Sequence[tuple[str, Callable[[Cell], str]]]:
 EXTRAS = {
     "largest_jump": "largest jump",
     "jumps_above_0.2": "jumps > 0.2",
+    "avoidable_jumps": "avoidable",
     "largest_change_of_the_path": "path's own",
     "peak_memory_mb": "peak MB",
     "seconds": "seconds",
@@ -196,7 +197,15 @@ def _digits(value: float) -> str:
 def _times(interval: Interval | None) -> str:
     if interval is None:
         return ""
+    if interval.low == interval.high:
+        return _digits(1e6 * interval.value)
     return f"{_digits(1e6 * interval.value)} [{_digits(1e6 * interval.low)}-{_digits(1e6 * interval.high)}]"
+
+
+def _each(cell: Cell, seconds: float | None) -> str:
+    """Spread of single poses; of whole batches it would say nothing new."""
+    alone = cell.batch == 1 and cell.job == "ik" and not cell.extra
+    return _digits(1e6 * seconds) if alone and seconds is not None else ""
 
 
 def _seconds(interval: Interval) -> str:
@@ -205,10 +214,10 @@ def _seconds(interval: Interval) -> str:
     return f"{interval.value:.2f} [{interval.low:.2f}-{interval.high:.2f}]"
 
 
-def _ratio(interval: Interval) -> str:
-    if interval.low == interval.high == 1.0:
-        return "1"
-    return f"{_digits(interval.value)} [{_digits(interval.low)}-{_digits(interval.high)}]"
+def _ratio(cell: Cell) -> str:
+    if cell.ratio is None or (cell.solver == "ikgrad" and cell.ratio.value == 1):
+        return ""
+    return f"{_digits(cell.ratio.value)} [{_digits(cell.ratio.low)}-{_digits(cell.ratio.high)}]"
 
 
 def _errors(cell: Cell, kind: str) -> str:
