@@ -1,9 +1,9 @@
-"""Small jobs around a solve, one pass each: check targets, compare poses, bring angles near a wanted configuration."""
+"""Small jobs around a solve, one pass each: check targets, measure answers, bring angles near a configuration."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,7 @@ from ikgrad.engine.parallel import for_chunks
 Array = NDArray[np.float64]
 _CHUNK = 8192
 _TURN = 2 * math.pi
+_ALL = np.ones(6)
 
 
 def examine(T: Array, tolerance: float, *, threads: int = 1) -> tuple[Array, NDArray[np.bool_]]:
@@ -34,23 +35,47 @@ def examine(T: Array, tolerance: float, *, threads: int = 1) -> tuple[Array, NDA
     return good, valid
 
 
-def compare(T: Array, T_target: Array, mask: Array | None, *, threads: int = 1) -> tuple[Array, Array]:
-    """Distance and angle between poses.
+class Verdict(NamedTuple):
+    """How good joint values are."""
+
+    position_error: Array  # (B,) [m]
+    rotation_error: Array  # (B,) [rad]
+    success: NDArray[np.bool_]  # (B,) both within tolerance, joints inside the limits, target valid
+
+
+def measure(
+    T: Array,
+    T_target: Array,
+    valid: NDArray[np.bool_],
+    q: Array,
+    *,
+    q_min: Array,
+    q_max: Array,
+    mask: Array | None,
+    tol_pos: float,
+    tol_rot: float,
+    threads: int = 1,
+) -> Verdict:
+    """Distance and angle between the poses reached and the targets, and whether that is a success.
 
     Args:
-        T: (B, 4, 4)
+        T: (B, 4, 4) poses reached, by forward kinematics of ``q``.
         T_target: (B, 4, 4)
+        valid: (B,) from `examine`.
+        q: (B, n) joint values.
+        q_min: (n,) limits, infinite where there are none.
+        q_max: (n,)
         mask: (6,) ones and zeros along the target's own axes, or None for all.
+        tol_pos: [m]
+        tol_rot: [rad]
         threads: threads to use.
-
-    Returns:
-        (B,) [m] and (B,) [rad].
     """
-    errors = np.empty((2, len(T)))
-    a, b, run = T.reshape(-1), T_target.reshape(-1), prepare(compare_rows)
-    weights = np.ones(6) if mask is None else mask
-    for_chunks(lambda i, j: run(a, b, weights, errors[0], errors[1], i, j), len(T), _CHUNK, threads)
-    return errors[0], errors[1]
+    position, rotation, success = np.empty(len(T)), np.empty(len(T)), np.empty(len(T), dtype=np.bool_)
+    a, b, run = T.reshape(-1), T_target.reshape(-1), prepare(measure_rows)
+    weights = _ALL if mask is None else mask
+    args = a, b, valid, q, q_min, q_max, weights, tol_pos, tol_rot, position, rotation, success
+    for_chunks(lambda i, j: run(*args, i, j), len(T), _CHUNK, threads)
+    return Verdict(position, rotation, success)
 
 
 def turn_near(q: Array, near: Array, q_min: Array, q_max: Array, periodic: NDArray[np.bool_]) -> None:
@@ -125,8 +150,11 @@ def examine_rows(T: Any, tolerance: float, out: Any, valid: Any, first: int, las
 
 
 @kernel
-def compare_rows(T: Any, G: Any, weights: Any, position: Any, rotation: Any, first: int, last: int) -> None:
-    """See `compare`; arrays flat, G the targets. The angle is atan2(|vee(E - E^T)|, tr E - 1), E = R* R^T."""
+def measure_rows(
+    T: Any, G: Any, valid: Any, q: Any, q_min: Any, q_max: Any, weights: Any, tol_pos: float, tol_rot: float,
+    position: Any, rotation: Any, success: Any, first: int, last: int,
+) -> None:  # fmt: skip
+    """See `measure`; poses flat, G the targets. The angle is atan2(|vee(E - E^T)|, tr E - 1), E = R* R^T."""
     E, v, w = np.empty(9), np.empty(3), np.empty(3)
     masked = False
     for i in range(6):
@@ -148,6 +176,10 @@ def compare_rows(T: Any, G: Any, weights: Any, position: Any, rotation: Any, fir
             angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         position[row] = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         rotation[row] = angle
+        good = valid[row] and position[row] <= tol_pos and angle <= tol_rot
+        for j in range(q.shape[1]):
+            good = good and q_min[j] <= q[row, j] <= q_max[j]
+        success[row] = good
 
 
 @njit

@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 _CHUNK = 2048
 _NONE = np.empty(0)
 _ONES = np.ones(6)
-_ONES_LIST = [1.0] * 6
 
 
 class Solved(NamedTuple):
@@ -36,7 +35,7 @@ def solve(
     T: Array,
     q0: Array | None = None,
     *,
-    weights: Array = _ONES,
+    weights: Array | None = None,
     tol_pos: float = 1e-6,
     tol_rot: float = 1e-6,
     limits: bool = True,
@@ -57,8 +56,9 @@ def solve(
         chain: from `pack`.
         T: (B, 4, 4) targets.
         q0: (B, n) first starts, clamped to the limits; without, the first start is the engine's choice.
-        weights: (6,) weights of the error [linear; angular]. If they are not all 1, errors are taken along and about
-            the axes of the target's own frame; a weight of 0 leaves that direction free and out of the errors.
+        weights: (6,) weights of the error [linear; angular]; None: all 1. If they are not all 1, errors are taken
+            along and about the axes of the target's own frame; a weight of 0 leaves that direction free and out of
+            the errors.
         tol_pos: position tolerance [m].
         tol_rot: rotation tolerance [rad].
         limits: keep the joints inside their limits.
@@ -79,10 +79,11 @@ def solve(
     rows, n = len(T), len(chain.low)
     flat = np.ascontiguousarray(T, dtype=np.float64).reshape(-1)
     first = _NONE if q0 is None else np.ascontiguousarray(q0, dtype=np.float64).reshape(-1)
-    weights = np.ascontiguousarray(weights, dtype=np.float64)
+    masked = weights is not None and bool((weights != 1.0).any())
+    weights = _ONES if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
     constants = _constants(
         (tol_pos, tol_rot, damping, max_step, stall * stall, near * near),
-        (seed & (2**63 - 1), max_steps, max_starts, limits, weights.tolist() != _ONES_LIST, patience, guesses),
+        (seed & (2**63 - 1), max_steps, max_starts, limits, masked, patience, guesses),
     )
     q, errors, info = np.empty(rows * n), np.empty(rows * 2), np.empty(rows * 3, dtype=np.int64)
     run, tables = prepare(solve_rows), chain.solver_tables

@@ -14,7 +14,7 @@ from ikgrad.robot import Robot
 from ikgrad.solvers.base import Solver
 from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.problem import Problem
-from ikgrad.solvers.question import ROTATION_TOLERANCE, ask, check_mask
+from ikgrad.solvers.question import ROTATION_TOLERANCE, Question, ask, check_mask
 from ikgrad.solvers.solution import IKSolution, Reason
 
 
@@ -32,7 +32,7 @@ def run_compiled(solver: LevenbergMarquardt, problem: Problem, q0: Tensor | None
         engine.pack(problem.robot),
         problem.T_target.numpy(),
         None if q0 is None else q0.numpy(),
-        weights=np.ones(6) if problem.mask is None else problem.mask.numpy(),
+        weights=None if problem.mask is None else problem.mask.numpy(),
         tol_pos=problem.tol_pos,
         tol_rot=problem.tol_rot,
         limits=limits,
@@ -60,72 +60,60 @@ def solve_compiled(
     few as a rule, go through the same verdict as those of every other method.
     """
     from ikgrad import engine
-    from ikgrad.engine.poses import compare, examine, turn_near
+    from ikgrad.engine.poses import examine, measure, turn_near
 
     robot = robot.detach()
-    threads, shape = torch.get_num_threads(), T_target.shape[:-2]
+    threads, shape, n = torch.get_num_threads(), tuple(T_target.shape[:-2]), robot.dof
     given = check_mask(mask, T_target)
     weights = None if given is None else given.numpy()
-    T, valid = examine(T_target.detach().reshape(-1, 4, 4).numpy(), ROTATION_TOLERANCE, threads=threads)
+    T, valid = examine(T_target.detach().numpy().reshape(-1, 4, 4), ROTATION_TOLERANCE, threads=threads)
     start = None
     if q0 is not None:
-        start = q0.detach().to(torch.float64).expand(*shape, robot.dof).reshape(-1, robot.dof).numpy()
+        start = q0.detach().to(torch.float64).expand(*shape, n).reshape(-1, n).numpy()
         finite = np.isfinite(start).all(axis=1)
         if not finite.all():
             valid, start = valid & finite, np.where(finite[:, None], start, 0.0)
     chain = engine.pack(robot)
     solved = engine.solve(
-        chain, T, start, weights=np.ones(6) if weights is None else weights,
-        tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, seed=seed, **_settings(solver),
+        chain, T, start, weights=weights, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, seed=seed,
+        **_settings(solver),
     )  # fmt: skip
     q = solved.q
+    low, high = (chain.q_min, chain.q_max) if limits else (np.full(n, -math.inf), np.full(n, math.inf))
     if start is not None:
-        unlimited = np.full(robot.dof, math.inf)
-        low, high = (chain.q_min, chain.q_max) if limits else (-unlimited, unlimited)
         turn_near(q, start, low, high, robot.periodic.numpy())
-    position, rotation = compare(engine.fk(chain, q, threads=threads), T, weights, threads=threads)
-    inside = ((q >= chain.q_min) & (q <= chain.q_max)).all(axis=1) if limits else True
-    success = valid & (position <= tol_pos) & (rotation <= tol_rot) & inside
+    verdict = measure(
+        engine.fk(chain, q, threads=threads), T, valid, q, q_min=low, q_max=high, mask=weights,
+        tol_pos=tol_pos, tol_rot=tol_rot, threads=threads,
+    )  # fmt: skip
     code = np.zeros(len(q), dtype=np.int8)
-    answer = IKSolution(*(torch.from_numpy(x) for x in (q, success, code, position, rotation, solved.steps)))
-    if not success.all():
-        rows = torch.from_numpy(np.flatnonzero(~success))
+    rows = (verdict.success, code, verdict.position_error, verdict.rotation_error, solved.steps)
+    answer = IKSolution(torch.from_numpy(q.reshape(*shape, n)), *(torch.from_numpy(x.reshape(shape)) for x in rows))
+    if not verdict.success.all():
         options: dict[str, Any] = dict(tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed)
-        _judge_rows(
-            robot,
-            T_target.detach().reshape(-1, 4, 4)[rows],
-            start,
-            solver,
-            answer,
-            rows,
-            torch.from_numpy(valid),
-            options,
-        )
-    return answer if shape == answer.success.shape else answer.reshape(shape)
+        failed = torch.from_numpy(np.flatnonzero(~verdict.success))
+        q0 = None if start is None else torch.from_numpy(start)[failed]
+        targets = T_target.detach().reshape(-1, 4, 4)[failed]
+        _judge_rows(solver, ask(robot, targets, q0=q0, **options), answer, failed, torch.from_numpy(valid))
+    return answer
 
 
 def _judge_rows(
-    robot: Robot,
-    T: Tensor,
-    start: Any,
-    solver: Solver,
-    answer: IKSolution,
-    rows: Tensor,
-    was_valid: Tensor,
-    options: dict[str, Any],
+    solver: LevenbergMarquardt, question: Question, answer: IKSolution, rows: Tensor, valid: Tensor
 ) -> None:
-    """Name the reasons of the failed rows, in place."""
+    """Name the reasons of the failed rows, in place.
+
+    The errors stay those of the kernel: torch's batched products round differently in different batches.
+    """
     from ikgrad.solvers.judge import judge
 
-    q0 = None if start is None else torch.from_numpy(start)[rows]
-    problem, _, valid = ask(robot, T, q0=q0, **options)
-    verdict = judge(solver, problem, answer.q[rows], answer.steps[rows], valid, torch.float64)
-    # The errors stay those of the kernel: torch's batched products round differently in different batches.
-    code = verdict.reason_code
-    answer.reason_code[rows] = torch.where(code == Reason.converged, Reason.no_convergence, code).to(code.dtype)
-    answer.reason_code[rows[~was_valid[rows]]] = Reason.invalid_target  # also rows whose start was not finite
+    q, steps = answer.q.view(-1, answer.q.shape[-1])[rows], answer.steps.view(-1)[rows]
+    code = judge(solver, question.problem, q, steps, question.valid, torch.float64).reason_code
+    code[code == Reason.converged] = Reason.no_convergence
+    code[~valid[rows]] = Reason.invalid_target  # also rows whose start was not finite
+    answer.reason_code.view(-1)[rows] = code
     for error in (answer.position_error, answer.rotation_error):
-        error[rows[~was_valid[rows]]] = math.nan
+        error.view(-1)[rows[~valid[rows]]] = math.nan
 
 
 def _settings(solver: LevenbergMarquardt) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,6 +21,8 @@ from ikgrad.solvers.loop import run
 from ikgrad.solvers.question import Question, ask, check, check_mask
 from ikgrad.solvers.solution import IKSolution, Reason
 from ikgrad.solvers.variety import distinct_solutions
+
+_DEFAULT = LevenbergMarquardt()
 
 
 def solve_ik(
@@ -79,25 +81,25 @@ def solve_ik(
     check(robot, T_target, q0, tol_pos, tol_rot)
     if solutions < 1:
         raise ConfigError(f"solutions must be at least 1, got {solutions}")
-    solver = LevenbergMarquardt() if solver is None else solver
-    with torch.no_grad():
-        if solutions == 1 and T_target.dtype == torch.float64 and serves(solver, T_target):
-            answer = solve_compiled(
-                robot, T_target, q0, solver, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
-            )
-        else:
-            question = ask(
-                robot, T_target, q0=q0, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
-            )
-            answer = (
-                _one(solver, question, T_target.dtype)
-                if solutions == 1
-                else _several(solver, question, solutions, T_target.dtype)
-            )
+    solver = _DEFAULT if solver is None else solver
+    if solutions == 1 and T_target.dtype == torch.float64 and serves(solver, T_target):
+        answer = solve_compiled(
+            robot, T_target, q0, solver, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
+        )
+    else:
+        options: dict[str, Any] = dict(tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed)
+        answer = _in_torch(solver, ask(robot, T_target, q0=q0, **options), solutions, T_target.dtype)
     if torch.is_grad_enabled() and (T_target.requires_grad or robot.requires_grad):
         answer = _differentiable(robot, T_target, answer, limits, mask)
     shape = T_target.shape[:-2] if solutions == 1 else (*T_target.shape[:-2], solutions)
     return answer if answer.success.shape == shape else answer.reshape(shape)
+
+
+@torch.no_grad()
+def _in_torch(solver: Solver, question: Question, solutions: int, dtype: torch.dtype) -> IKSolution:
+    if solutions == 1:
+        return _one(solver, question, dtype)
+    return _several(solver, question, solutions, dtype)
 
 
 def _one(solver: Solver, question: Question, dtype: torch.dtype) -> IKSolution:
