@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
     parts = PartialRun.open(output, job.manifest(), resume=args.resume, force=args.force)
     arrays: dict[str, np.ndarray] | None = {} if args.plot else None
     begin = time.perf_counter()
+    job.warm_up()
     with keeping(parts, keep_on_error=False), Progress("solve", job.poses.total, "poses") as progress:
         job.solve(parts, progress)
         rate = progress.rate

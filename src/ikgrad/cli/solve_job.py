@@ -20,6 +20,7 @@ from ikgrad.errors import DataError, IkgradError
 from ikgrad.files import JointFile, PartialRun, PoseFile, joint_writer
 from ikgrad.files.poses import ROTATION_TOLERANCE, Targets
 from ikgrad.files.writers import Columns, text_column
+from ikgrad.kinematics import forward_kinematics
 from ikgrad.solvers.solve import solve_ik
 
 if TYPE_CHECKING:
@@ -79,6 +80,12 @@ class Job:
             "rows at a time": self.chunk,
             **{name: value if isinstance(value, int | float) else repr(value) for name, value in self.settings.items()},
         }
+
+    def warm_up(self) -> None:
+        """Load the kernels and the robot's tables, so that the rate that is shown is that of the work."""
+        low, high = self.robot.sampling_range
+        q = (low + high) / 2
+        solve_ik(self.robot, forward_kinematics(self.robot, q), q0=q, **self.settings)
 
     def starts(self) -> Iterator[torch.Tensor | None]:
         """q0 for each chunk of poses."""
