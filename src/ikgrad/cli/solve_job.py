@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+import ikgrad
 from ikgrad import __version__
 from ikgrad.cli.terminal import Interrupted, Progress, describe
 from ikgrad.errors import DataError, IkgradError
@@ -85,7 +86,7 @@ class Job:
         """Load the kernels and the robot's tables, so that the rate that is shown is that of the work."""
         low, high = self.robot.sampling_range
         q = (low + high) / 2
-        solve_ik(self.robot, forward_kinematics(self.robot, q), q0=q, **self.settings)
+        ikgrad.solve_ik(self.robot, forward_kinematics(self.robot, q), q0=q, **self.settings)
 
     def starts(self) -> Iterator[torch.Tensor | None]:
         """q0 for each chunk of poses."""
