@@ -17,7 +17,7 @@ SOURCE = Path(ik.__file__).parent
 LAYERS = [
     {"errors", "resources"},
     {"rotations"},
-    {"robot", "dh", "urdf", "config"},
+    {"segments", "robot", "pk_chain", "dh", "urdf", "config"},
     {"kinematics", "engine"},
     {"solvers", "data", "files"},
     {"papers", "plots", "bench"},

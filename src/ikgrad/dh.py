@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ikgrad.errors import RobotError, ShapeError, UnknownNameError
-from ikgrad.robot import MOVING, Robot, Segment, Variable
+from ikgrad.robot import Robot
+from ikgrad.segments import MOVING, Segment, Variable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -12,8 +12,9 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from ikgrad.errors import ShapeError
-from ikgrad.robot import Robot, Tables
+from ikgrad.robot import Robot
 from ikgrad.rotations import log_rotation
+from ikgrad.segments import Tables
 
 
 def forward_kinematics(robot: Robot, q: Tensor) -> Tensor:

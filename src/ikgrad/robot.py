@@ -1,12 +1,4 @@
-"""A robot: one open chain from a base link to a tip link, as immutable tables.
-
-The chain is a row of `Segment`s. Segment k maps into the frame of the one before it by
-
-    A_k(q) = origin_k * motion_k(multiplier_k * q[variable_k] + offset_k)
-
-with motion a rotation about, or a translation along, a unit axis. Everything else (fixed links, tools, links
-passed in the tip-to-base direction, mimic joints, Denavit-Hartenberg rows) is written in this one form.
-"""
+"""A robot: one open chain from a base link to a tip link, frozen; see `ikgrad.segments` for the form of a chain."""
 
 from __future__ import annotations
 
@@ -16,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -24,55 +16,11 @@ from torch import Tensor
 
 from ikgrad.errors import RobotError, ShapeError, UnknownNameError
 from ikgrad.resources import builtin_file, builtin_names
+from ikgrad.segments import MOVING, Geometry, Segment, Tables, Variable, fold, is_pose, segment_limits
 
 if TYPE_CHECKING:
     import pytorch_kinematics as pk
     from numpy.typing import ArrayLike
-
-MOVING = ("revolute", "prismatic")
-
-
-class Variable(NamedTuple):
-    """One entry of ``q``: a joint that moves by itself. Unlimited joints have -inf and +inf."""
-
-    name: str
-    kind: str
-    q_min: float
-    q_max: float
-
-
-class Segment(NamedTuple):
-    """One link of the chain and the joint that moves it (see the module docstring)."""
-
-    joint: str
-    link: str | None  # None: a frame inside a reversed joint, no link of the robot
-    origin: np.ndarray  # (4, 4)
-    kind: str = "fixed"  # or one of MOVING
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    variable: int = -1  # column of q
-    multiplier: float = 1.0
-    offset: float = 0.0
-
-
-class Tables(NamedTuple):
-    """The chain with its fixed segments folded in, as tensors; m is the number of moving segments."""
-
-    origins: Tensor  # (m, 4, 4) from the moving frame before (or the base) to this joint, q = 0
-    axes: Tensor  # (m, 3) unit
-    prismatic: Tensor  # (m,) bool
-    variable: Tensor  # (m,) int64, column of q
-    multiplier: Tensor  # (m,)
-    offset: Tensor  # (m,)
-    tool: Tensor  # (4, 4) from the last moving frame to the tip
-    link_frame: Tensor  # (links,) int64, moving frame that carries the link; 0 is the base, k + 1 is frame k
-    link_offset: Tensor  # (links, 4, 4) the link in that frame
-
-
-class Geometry(NamedTuple):
-    """Link parameters as tensors, for gradients with respect to them."""
-
-    origins: Tensor  # (m, 4, 4)
-    tool: Tensor  # (4, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +93,9 @@ class Robot:
 
         Its joint vector is `expand` (q): the same as q unless there are mimic joints.
         """
-        return _build_chain(self)
+        from ikgrad.pk_chain import build_chain
+
+        return build_chain(self)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -171,7 +121,7 @@ class Robot:
         length = float(tables.origins[1:, :3, 3].norm(dim=-1).sum())
         for segment in self.segments:
             if segment.kind == "prismatic":
-                length += max(abs(x) for x in segment_limits(self, segment))
+                length += max(abs(x) for x in segment_limits(self.variables, segment))
         return length
 
     @cached_property
@@ -202,7 +152,7 @@ class Robot:
         key = (dtype, torch.device(device))
         if key not in self._tables:
             home = (torch.float64, torch.device("cpu"))
-            full = self._tables[home] if self._tables else self._tables.setdefault(home, _fold(self))
+            full = self._tables[home] if self._tables else self._tables.setdefault(home, fold(self.segments))
             self._tables[key] = Tables(*(t.to(device, dtype) if t.is_floating_point() else t.to(device) for t in full))
         before = self._tables[key]
         if self.geometry is None:
@@ -297,17 +247,6 @@ class Robot:
         return from_dh(rows, convention=convention, q_min=q_min, q_max=q_max, name=name)
 
 
-def is_pose(T: np.ndarray, tolerance: float = 1e-6) -> bool:
-    """True if a (4, 4) array is a rigid transform."""
-    R = T[:3, :3]
-    return bool(
-        np.isfinite(T).all()
-        and np.abs(R @ R.T - np.eye(3)).max() <= tolerance
-        and np.linalg.det(R) > 0
-        and np.abs(T[3] - (0, 0, 0, 1)).max() <= tolerance
-    )
-
-
 def load_robot(name_or_path: str | Path, *, base: str | None = None, tip: str | None = None) -> Robot:
     """A built-in robot by name, or any URDF file.
 
@@ -337,74 +276,3 @@ def load_robot(name_or_path: str | Path, *, base: str | None = None, tip: str | 
     from ikgrad.urdf import read_urdf
 
     return read_urdf(path, base=base, tip=tip)
-
-
-def _fold(robot: Robot) -> Tables:
-    """Fold fixed segments into their neighbours, in float64 on the CPU."""
-    moving: list[Segment] = []
-    origins: list[np.ndarray] = []
-    link_frame, link_offset = [0], [np.eye(4)]
-    pending = np.eye(4)  # from the last moving frame to here
-    for segment in robot.segments:
-        pending = pending @ segment.origin
-        if segment.kind in MOVING:
-            moving.append(segment)
-            origins.append(pending)
-            pending = np.eye(4)
-        if segment.link is not None:
-            link_frame.append(len(moving))
-            link_offset.append(pending)
-    return Tables(
-        origins=torch.from_numpy(np.stack(origins)),
-        axes=torch.tensor([s.axis for s in moving], dtype=torch.float64),
-        prismatic=torch.tensor([s.kind == "prismatic" for s in moving]),
-        variable=torch.tensor([s.variable for s in moving]),
-        multiplier=torch.tensor([s.multiplier for s in moving], dtype=torch.float64),
-        offset=torch.tensor([s.offset for s in moving], dtype=torch.float64),
-        tool=torch.from_numpy(pending),
-        link_frame=torch.tensor(link_frame),
-        link_offset=torch.from_numpy(np.stack(link_offset)),
-    )
-
-
-def _build_chain(robot: Robot) -> pk.SerialChain:
-    """Frames, joints and links of pytorch-kinematics from the segments (its own URDF reader is not used)."""
-    import pytorch_kinematics as pk
-    from pytorch_kinematics.frame import Frame, Joint, Link
-
-    root = parent = Frame(robot.base, Link(robot.base))
-    for k, segment in enumerate(robot.segments if robot.geometry is None else _with_new_geometry(robot)):
-        name = segment.link or f"{segment.joint}/{k}"
-        joint = Joint(
-            name=f"{segment.joint}/{k}" if segment.link is None else segment.joint,
-            offset=pk.Transform3d(matrix=torch.from_numpy(np.array(segment.origin)), dtype=torch.float64),
-            joint_type=segment.kind,
-            axis=segment.axis,
-            dtype=torch.float64,
-            limits=segment_limits(robot, segment) if segment.kind in MOVING else None,
-        )
-        frame = Frame(name, Link(name), joint)
-        parent.add_child(frame)
-        parent = frame
-    full = pk.chain.Chain(root, dtype=torch.float64)
-    chain = pk.SerialChain(full, parent.name, robot.base, dtype=torch.float64)
-    return chain.to(dtype=robot.dtype, device=robot.device)
-
-
-def _with_new_geometry(robot: Robot) -> list[Segment]:
-    """The moving segments and the tool with the origins of ``robot.geometry``."""
-    tables = robot.tables()
-    moving = [s for s in robot.segments if s.kind in MOVING]
-    origins = [*tables.origins.detach().numpy(), tables.tool.detach().numpy()]
-    names = [s._replace(link=None) for s in moving] + [Segment("tool_joint", robot.tip, np.eye(4))]
-    return [s._replace(origin=origin) for s, origin in zip(names, origins, strict=True)]
-
-
-def segment_limits(robot: Robot, segment: Segment) -> tuple[float, float]:
-    """Range of a moving segment's own joint value, from the limits of its variable."""
-    variable = robot.variables[segment.variable]
-    ends = [segment.multiplier * x + segment.offset for x in (variable.q_min, variable.q_max)]
-    return min(ends), max(ends)
-
-
-__all__ = ["Robot", "Segment", "Tables", "Variable", "is_pose", "load_robot"]

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ikgrad.errors import RobotError, UnknownNameError
-from ikgrad.robot import Robot, Segment, Variable, is_pose
+from ikgrad.robot import Robot
+from ikgrad.segments import Segment, Variable, is_pose
 
 if TYPE_CHECKING:
     import yourdfpy

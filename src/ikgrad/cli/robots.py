@@ -10,7 +10,8 @@ from ikgrad.cli.parsing import Commands, add_robot_options, example
 from ikgrad.cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
-    from ikgrad.robot import Robot, Variable
+    from ikgrad.robot import Robot
+    from ikgrad.segments import Variable
 
 
 def add(commands: Commands) -> None:
