@@ -8,6 +8,7 @@ folder, then a folder for temporary files; where none can be written, kernels co
 from __future__ import annotations
 
 import functools
+import gc
 import hashlib
 import logging
 import os
@@ -18,7 +19,7 @@ from typing import Any
 
 import numba
 from numba import njit
-from numba.core import caching
+from numba.core import caching, event
 
 log = logging.getLogger("ikgrad")
 _kernels: list[Any] = []
@@ -94,8 +95,32 @@ def is_cached(compiled: Any) -> bool:
     return folder is not None and any(folder.glob(f"{compiled._cache._impl.filename_base}*.nbc"))
 
 
+class _WithoutCollection(event.Listener):
+    """Garbage collection rests while Numba compiles: millions of objects live then, and none of them is garbage."""
+
+    def __init__(self) -> None:
+        self._depth, self._was_on = 0, False
+
+    def on_start(self, event: Any) -> None:
+        if self._depth == 0:
+            self._was_on = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._was_on:
+            gc.enable()
+
+
+@functools.cache
+def _rest_while_compiling() -> None:
+    event.register("numba:compile", _WithoutCollection())
+
+
 def prepare(compiled: Any) -> Any:
     """Say so before the first call that compiles; returns the kernel."""
     if not compiled.overloads and not is_cached(compiled):  # .signatures says the same, ten times slower
         log.warning("compiling the CPU kernel '%s' once for this machine ...", compiled.__name__)
+        _rest_while_compiling()
     return compiled
