@@ -35,6 +35,8 @@ _HOME = {
     "Apps": "solvers.apps",
     "NewtonRaphson": "solvers.newton",
     "LevenbergMarquardt": "solvers.levenberg",
+    "Puma560ClosedForm": "solvers.closed_form",
+    "puma560_ik": "solvers.puma560",
 }
 
 __all__ = [*_HOME, "__version__"]

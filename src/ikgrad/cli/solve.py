@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
     from ikgrad.cli.solve_job import Job, Summary
 
-SOLVERS = {"lm": "LevenbergMarquardt", "apps": "Apps", "newton": "NewtonRaphson"}
-CHUNK = {"lm": 16_384, "apps": 2_048, "newton": 2_048}  # the slow methods are interrupted at a smaller loss
+SOLVERS = {"lm": "LevenbergMarquardt", "apps": "Apps", "newton": "NewtonRaphson", "puma560": "Puma560ClosedForm"}
+# The slow methods are interrupted at a smaller loss.
+CHUNK = {"lm": 16_384, "apps": 2_048, "newton": 2_048, "puma560": 16_384}
 
 DESCRIPTION = """\
 inverse kinematics for a file of poses: one row of joint values per pose, with errors, success and reason.
@@ -56,7 +57,7 @@ def add(commands: Commands) -> None:
 
 def _add_method(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--q0", metavar="FILE", help="joint file to start from and stay near: a row per pose, or one")
-    parser.add_argument("--solver", choices=list(SOLVERS), default="lm", help="lm (default), apps or newton")
+    parser.add_argument("--solver", choices=list(SOLVERS), default="lm", help="lm (default), apps, newton, puma560")
     parser.add_argument("--solutions", type=count, default=1, metavar="K", help="different solutions per pose")
     parser.add_argument("--tol-pos", type=positive, default=1e-6, metavar="M", help="largest error [m] (1e-6)")
     parser.add_argument("--tol-rot", type=positive, default=1e-6, metavar="RAD", help="largest error [rad] (1e-6)")

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ikgrad.solvers.attempt import attempt
 from ikgrad.solvers.base import Solver
+from ikgrad.solvers.closed_form import Puma560ClosedForm
 from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.solution import IKSolution, Reason
@@ -30,6 +31,8 @@ def judge(solver: Solver, problem: Problem, q: Tensor, steps: Tensor, valid: Ten
     code[met & ~inside] = Reason.joint_limits
     code[~met & problem.certainly_unreachable()] = Reason.unreachable
     open_rows = torch.nonzero((code == Reason.no_convergence) & valid).flatten()
+    if isinstance(solver, Puma560ClosedForm) and len(open_rows):  # a closed form knows exactly
+        code[open_rows[solver.out_of_reach(problem.rows(open_rows))]] = Reason.unreachable
     code[open_rows[_only_limits(solver, problem.rows(open_rows), q[open_rows])]] = Reason.joint_limits
     code[~valid] = Reason.invalid_target
     nan = torch.full_like(position, math.nan)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ikgrad.solvers.attempt import attempt
 from ikgrad.solvers.base import Solver
+from ikgrad.solvers.closed_form import Puma560ClosedForm
 from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.starts import random_configurations
 
@@ -17,7 +18,9 @@ STARTS_PER_SOLUTION = 16
 
 
 def distinct_solutions(solver: Solver, problem: Problem, q0: Tensor | None, k: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Up to k different solutions per row, from many starts, sorted by largest joint change from ``q0``.
+    """Up to k different solutions per row, sorted by largest joint change from ``q0``.
+
+    They come from many starts, or from the branches of a closed form.
 
     Args:
         solver: the method; run once from each start.
@@ -32,15 +35,26 @@ def distinct_solutions(solver: Solver, problem: Problem, q0: Tensor | None, k: i
     rows, n = len(problem.key), problem.robot.dof
     low, high = problem.robot.sampling_range
     home = ((low + high) / 2).to(problem.T_target).expand(rows, n) if q0 is None else q0
-    starts = max(32, STARTS_PER_SOLUTION * k)
+    if isinstance(solver, Puma560ClosedForm):
+        q = solver.every_branch(problem, home)
+        steps = torch.ones(q.shape[:2], dtype=torch.int64, device=q.device)
+    else:
+        q, steps = _from_many_starts(solver, problem, home, max(32, STARTS_PER_SOLUTION * k))
+    every = torch.arange(rows, device=q.device).repeat_interleave(q.shape[1])
+    flat = q.flatten(0, 1)
+    met = problem.rows(every).met(*problem.rows(every).measure(flat)) & problem.inside(flat)
+    return _pick(problem, q, steps, met.view(steps.shape), home, k)
+
+
+def _from_many_starts(solver: Solver, problem: Problem, home: Tensor, starts: int) -> tuple[Tensor, Tensor]:
+    """(B, s, n) answers from ``home`` and random starts, and (B, s) steps."""
+    rows, n = home.shape
     every = torch.arange(rows, device=problem.key.device).repeat_interleave(starts)
     draw = torch.arange(starts, device=problem.key.device).expand(rows, starts) + (1 << 32)
     q_start = random_configurations(problem.robot, problem.key, draw)
     q_start[:, 0] = home
     q, steps = attempt(solver, problem.rows(every), q_start.flatten(0, 1).clamp(problem.q_min, problem.q_max))
-    met = problem.rows(every).met(*problem.rows(every).measure(q)) & problem.inside(q)
-    q, steps, met = q.view(rows, starts, n), steps.view(rows, starts), met.view(rows, starts)
-    return _pick(problem, q, steps, met, home, k)
+    return q.view(rows, starts, n), steps.view(rows, starts)
 
 
 def _pick(
