@@ -23,7 +23,7 @@ def configurations(count: int, seed: int = 0) -> torch.Tensor:
 def worst_errors(branches, T: torch.Tensor) -> tuple[float, float]:
     """Largest position [m] and rotation [rad] error of the valid branches, by forward kinematics."""
     q, valid = branches
-    e = ik.pose_error(ik.forward_kinematics(PUMA, q.double()), T.double()[..., None, :, :])[valid]
+    e = ik.pose_error(ik.forward_kinematics(PUMA, q.detach().double()), T.double()[..., None, :, :])[valid]
     return float(e[:, :3].norm(dim=-1).max()), float(e[:, 3:].norm(dim=-1).max())
 
 
@@ -119,6 +119,26 @@ def test_large_batches_are_cut_without_a_trace():
     torch.testing.assert_close(whole.q[-100:], last.q, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("limits", [True, False])
+def test_the_kernel_and_torch_agree(limits: bool):
+    T = torch.cat([ik.forward_kinematics(PUMA, configurations(3000, seed=12)), edge_poses()])
+    compiled, plain = ik.puma560_ik(T, limits=limits), ik.puma560_ik(T.clone().requires_grad_(), limits=limits)
+    assert not compiled.q.requires_grad
+    assert plain.q.requires_grad
+    assert float(turned(compiled.q - plain.q.detach()).max()) < 1e-7
+    assert torch.equal(compiled.valid, plain.valid)
+    assert torch.equal(compiled.singular, plain.singular)
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_both_paths_return_to_the_pose(plain: bool):
+    q = configurations(2000, seed=13)
+    T = ik.forward_kinematics(PUMA, q).requires_grad_(plain)
+    branches = ik.puma560_ik(T)
+    assert max(worst_errors(branches, T.detach())) < 1e-9
+    assert float(turned(branches.q.detach() - q[:, None]).where(branches.valid, math.inf).amin(dim=1).max()) < 1e-6
+
+
 def test_float32_stays_float32():
     T = ik.forward_kinematics(PUMA, configurations(5000, seed=3))
     branches = ik.puma560_ik(T.float(), limits=False)
@@ -186,6 +206,8 @@ def test_a_singular_wrist_is_exact_and_flagged(angle: float):
     q = configurations(200, seed=5)
     q[:, 4] = angle
     T = ik.forward_kinematics(PUMA, q)
+    plain = ik.puma560_ik(T.clone().requires_grad_(), limits=False)
+    assert max(worst_errors(plain, T)) < 1e-9
     branches = ik.puma560_ik(T, limits=False)
     assert max(worst_errors(branches, T)) < 1e-9
     original = branches.singular[turned((branches.q - q[:, None])[..., :3]) < 1e-6]

@@ -13,7 +13,7 @@ from ikgrad.robot import Robot, load_robot
 from ikgrad.solvers.attempt import whole_turns
 from ikgrad.solvers.base import State
 from ikgrad.solvers.problem import Problem
-from ikgrad.solvers.puma560 import CHUNK, solve_branches
+from ikgrad.solvers.puma560 import solve_branches
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,12 @@ class Puma560ClosedForm:
 
     def every_branch(self, problem: Problem, near: Tensor) -> Tensor:
         """(B, 8, 6) branches, by whole turns as near to (B, 6) joints as the limits allow."""
-        bounds = problem.q_min, problem.q_max
-        parts = zip(self._flange(problem).split(CHUNK), near[:, 3].split(CHUNK), strict=True)
-        q = torch.cat([solve_branches(T, bounds, theta4)[0] for T, theta4 in parts])
+        q, _, _ = solve_branches(self._flange(problem), (problem.q_min, problem.q_max), near[:, 3])
         return whole_turns(problem, q, near[:, None])
 
     def out_of_reach(self, problem: Problem) -> Tensor:
         """(B,) True where no branch reaches the pose, whatever the limits."""
-        return ~solve_branches(self._flange(problem), None, None)[1].any(dim=-1)
+        return ~solve_branches(self._flange(problem))[1].any(dim=-1)
 
     def _flange(self, problem: Problem) -> Tensor:
         """(B, 16) targets of the flange, the robot's tool taken off."""

@@ -32,6 +32,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from ikgrad.kinematics import check_poses
 from ikgrad.robot import load_robot
@@ -49,8 +50,6 @@ BRANCHES = tuple(
 """What the eight places mean, after Lee and Ziegler. Left: rho > 0, the shoulder offset is on the left of the
 direction in which the arm points; right: it reaches over its back, rho < 0. Up: the elbow is above the line from
 shoulder to wrist (rho and W have the same sign). Flip: th5 < 0."""
-
-CHUNK = 16_384  # rows whose intermediate values stay in the cache together
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +105,46 @@ def puma560_ik(T: Tensor, *, limits: bool = True) -> Puma560Branches:
     check_poses("T", T)
     shape, flat = T.shape[:-2], T.reshape(-1, 16)
     bounds = _builtin_limits(T.dtype, T.device) if limits else None
-    tracked = torch.is_grad_enabled() and T.requires_grad
-    rows = max(len(flat), 1) if tracked or T.device.type != "cpu" else CHUNK
-    parts = [solve_branches(part, bounds, None) for part in flat.split(rows)]
-    q, valid, singular = (torch.cat(x) for x in zip(*parts, strict=True))
+    q, valid, singular = solve_branches(flat, bounds)
     return Puma560Branches(q.view(*shape, 8, 6), valid.view(*shape, 8), singular.view(*shape, 8))
+
+
+def solve_branches(
+    T: Tensor, bounds: tuple[Tensor, Tensor] | None = None, theta4: Tensor | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """`puma560_ik` flat, by the compiled kernel for float64 on the CPU without gradients, else in torch.
+
+    Args:
+        T: (N, 16) poses.
+        bounds: (6,) and (6,) limits, or None.
+        theta4: (N,) what th4 is where the wrist is singular; default 0.
+
+    Returns:
+        (N, 8, 6) joints, (N, 8) valid, (N, 8) singular.
+    """
+    if _takes_kernel(T):
+        from ikgrad.engine.puma560 import branches
+
+        nowhere = torch.full((6,), math.inf, dtype=T.dtype)
+        low, high = (-nowhere, nowhere) if bounds is None else bounds
+        free = T.new_zeros(len(T)) if theta4 is None else theta4
+        q, valid, singular = branches(
+            T.detach().numpy(), free.numpy(), (A2, A3, D2, D4, Z0), low.numpy(), high.numpy(),
+            tolerance=ROTATION_TOLERANCE, threads=torch.get_num_threads(),
+        )  # fmt: skip
+        return torch.from_numpy(q), torch.from_numpy(valid), torch.from_numpy(singular)
+    return plain_branches(T, bounds, theta4)
+
+
+def _takes_kernel(T: Tensor) -> bool:
+    return (
+        T.dtype == torch.float64
+        and T.device.type == "cpu"
+        and not (T.requires_grad and torch.is_grad_enabled())
+        and not torch.compiler.is_compiling()
+        and not torch._C._are_functorch_transforms_active()  # vmap, jacrev, ...
+        and forward_ad._current_level < 0
+    )
 
 
 @functools.cache
@@ -119,10 +153,10 @@ def _builtin_limits(dtype: torch.dtype, device: torch.device) -> tuple[Tensor, T
     return robot.q_min.to(device, dtype), robot.q_max.to(device, dtype)
 
 
-def solve_branches(
+def plain_branches(
     flat: Tensor, bounds: tuple[Tensor, Tensor] | None, theta4: Tensor | None
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """(N, 16) poses to (N, 8, 6), (N, 8), (N, 8); ``theta4`` (N,) is used where the wrist is singular.
+    """`solve_branches` in torch operations alone.
 
     Inside, a quantity is a tensor with the rows last: (N,), (2, N) by shoulder, or (2, 2, N) by shoulder and elbow.
     """
