@@ -144,6 +144,10 @@ def test_targets_are_what_they_say(panda: ik.Robot):
     paths = targets.smooth_paths(panda, 3, 200, 0)
     assert ((paths > panda.q_min) & (paths < panda.q_max)).all()
     assert paths.diff(dim=1).abs().max() < 0.15
+    clear = targets.clear_paths(panda, 3, 200, 0)
+    assert clear.shape == (3, 200, 7)
+    assert ((clear > panda.q_min) & (clear < panda.q_max)).all()
+    assert (targets.smallest_singular_value(panda, clear.flatten(0, 1)) > 0.01).all()
 
 
 def test_unreachable_poses_are_outside_but_not_by_much(panda: ik.Robot):

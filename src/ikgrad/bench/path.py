@@ -17,7 +17,6 @@ from ikgrad.bench.protocols import Protocol
 from ikgrad.bench.race import Advance, Runner, race
 from ikgrad.bench.records import Cell
 from ikgrad.bench.statistics import Interval, percentile
-from ikgrad.bench.targets import smooth_paths
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.robot import Robot
 
@@ -35,7 +34,8 @@ def bench_paths(
     these were avoidable: a solution within 0.2 rad of the last answer exists. (Two branches meet at a singularity;
     whoever takes the other one there may find its end later, at a limit.)
     """
-    q = smooth_paths(robot, plan.rows, POINTS, plan.seed)
+    assert protocol.paths is not None
+    q = protocol.paths(robot, plan.rows, POINTS, plan.seed)
     T = forward_kinematics(robot, q)
     cells = []
     for threads in plan.threads:

@@ -22,6 +22,7 @@ class Protocol:
         tol_pos: [m]
         tol_rot: [rad]
         make: poses from robot, rows and seed; None where the protocol has its own runner.
+        paths: joint-space paths from robot, number, points and seed.
         one_by_one: every pose is a call of its own, for everybody.
         from_middle: solvers start in the middle of the range; else they draw their own starts.
         cap: an answer that took longer counts as none [s].
@@ -34,6 +35,7 @@ class Protocol:
     tol_pos: float = 1e-6
     tol_rot: float = 1e-6
     make: Callable[[Robot, int, int], Tensor] | None = targets.reachable
+    paths: Callable[[Robot, int, int, int], Tensor] | None = None
     one_by_one: bool = False
     from_middle: bool = False
     cap: float | None = None
@@ -82,9 +84,18 @@ PROTOCOLS = {
         ),
         Protocol(
             "path",
-            "smooth paths in joint space, 1,000 points each; start = the last answer",
+            "smooth paths clear of limits and singularities, 1,000 points each; start = the last answer",
             100,
             make=None,
+            paths=targets.clear_paths,
+            peers=("none",),
+        ),
+        Protocol(
+            "path-wild",
+            "smooth paths through most of the joint ranges, singularities included; start = the last answer",
+            100,
+            make=None,
+            paths=targets.smooth_paths,
             peers=("none",),
         ),
         Protocol("stream", "poses in a file through `ikgrad solve`, in a process of its own", 1_000_000, make=None),

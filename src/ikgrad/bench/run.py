@@ -83,7 +83,7 @@ class Job:
         elif self.protocol.name == "cold":
             each = self.plan.rows + 1
         else:
-            each = self.plan.turns(solvers + (self.protocol.name == "path"))
+            each = self.plan.turns(solvers + (self.protocol.paths is not None))
         return each * len(self.robots)
 
     def run(self, advance: Advance = lambda _: None) -> Report:
@@ -116,7 +116,7 @@ class Job:
             return bench_stream(robot, self.protocol, plan, source=source, advance=advance)
         if self.protocol.name == "cold":
             return bench_cold(robot, plan, source=source, advance=advance)
-        if self.protocol.name == "path":
+        if self.protocol.paths is not None:
             return bench_paths(robot, self.protocol, plan, others, advance=advance)
         return bench_ik(robot, self.protocol, plan, others, advance=advance)
 
