@@ -15,6 +15,8 @@ from ikgrad.solvers.base import State
 from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.puma560 import solve_branches
 
+_SLICE = 512  # rows whose eight branches torch handles in one thread: sharing such short work costs more than it saves
+
 
 @dataclass(frozen=True)
 class Puma560ClosedForm:
@@ -44,10 +46,9 @@ class Puma560ClosedForm:
 
     def init(self, problem: Problem, q: Tensor) -> State:
         """Choose a branch for (B, n) starts and evaluate it; nothing is left to do."""
-        branches = self.every_branch(problem, q)
-        outside = ~((branches >= problem.q_min) & (branches <= problem.q_max)).all(dim=-1)
-        change = (branches - q[:, None]).abs().amax(dim=-1) + 1e3 * outside  # (B, 8)
-        nearest = branches[torch.arange(len(q), device=q.device), change.argmin(dim=1)]
+        rows = _SLICE if q.device.type == "cpu" else max(len(q), 1)
+        slices = zip(self._flange(problem).split(rows), q.split(rows), strict=True)
+        nearest = torch.cat([_nearest(problem, _near(problem, T, start), start) for T, start in slices])
         position, rotation = problem.measure(nearest)
         return State(nearest, position, rotation, torch.ones_like(position, dtype=torch.bool))
 
@@ -57,8 +58,7 @@ class Puma560ClosedForm:
 
     def every_branch(self, problem: Problem, near: Tensor) -> Tensor:
         """(B, 8, 6) branches, by whole turns as near to (B, 6) joints as the limits allow."""
-        q, _, _ = solve_branches(self._flange(problem), (problem.q_min, problem.q_max), near[:, 3])
-        return whole_turns(problem, q, near[:, None])
+        return _near(problem, self._flange(problem), near)
 
     def out_of_reach(self, problem: Problem) -> Tensor:
         """(B,) True where no branch reaches the pose, whatever the limits."""
@@ -69,6 +69,19 @@ class Puma560ClosedForm:
         if problem.mask is not None:
             raise ConfigError("Puma560ClosedForm solves whole poses; leave the mask out, or use LevenbergMarquardt")
         return (problem.T_target @ _tool_inverse(problem.robot)).flatten(1)
+
+
+def _near(problem: Problem, T_flange: Tensor, near: Tensor) -> Tensor:
+    """(B, 8, 6) branches of (B, 16) flange poses, by whole turns as near to (B, 6) joints as the limits allow."""
+    q, _, _ = solve_branches(T_flange, (problem.q_min, problem.q_max), near[:, 3])
+    return whole_turns(problem, q, near[:, None])
+
+
+def _nearest(problem: Problem, branches: Tensor, q: Tensor) -> Tensor:
+    """(B, 6) the one of (B, 8, 6) branches with the smallest largest joint change, those inside the limits first."""
+    outside = ~((branches >= problem.q_min) & (branches <= problem.q_max)).all(dim=-1)
+    change = (branches - q[:, None]).abs().amax(dim=-1) + 1e3 * outside  # (B, 8)
+    return branches[torch.arange(len(q), device=q.device), change.argmin(dim=1)]
 
 
 def _tool_inverse(robot: Robot) -> Tensor:
