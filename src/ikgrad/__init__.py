@@ -39,10 +39,12 @@ _HOME = {
     "puma560_ik": "solvers.puma560",
 }
 
-__all__ = [*_HOME, "__version__"]
+__all__ = [*_HOME, "optim", "__version__"]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "optim":  # a module of its own, so that ik.optim reads like torch.optim
+        return importlib.import_module("ikgrad.optim")
     if name not in _HOME:
         raise AttributeError(f"module 'ikgrad' has no attribute '{name}'")
     value = getattr(importlib.import_module(f"ikgrad.{_HOME[name]}"), name)
@@ -51,4 +53,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted({*globals(), *__all__})
