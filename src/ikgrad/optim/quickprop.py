@@ -13,7 +13,7 @@ from ikgrad.optim.rule import Rule, require, require_lr
 
 
 class Quickprop(Rule):
-    r"""Each weight jumps to the bottom of the parabola through its last two slopes, never more than mu times as far.
+    r"""Each weight jumps to the bottom of the parabola through its last two slopes, at most mu times its last step.
 
     With the slope ``S = dE/dw + weight_decay w`` and the last step ``dw = dw(t-1)`` of one weight::
 
@@ -28,7 +28,7 @@ class Quickprop(Rule):
     Args:
         params: parameters, or groups of them.
         lr: rate of the gradient term, Fahlman's epsilon, at least 0; the paper has 0.05. With 0 nothing ever starts.
-        mu: largest growth of a step from one to the next, above 0; Fahlman recommends 1.75.
+        mu: largest jump, in units of the last step, above 0; Fahlman recommends 1.75.
         weight_decay: Fahlman's remedy for slopes that go flat, at least 0. He used 1e-4, which is far too strong for
             a network that is to fit its data closely.
         max_step: our remedy, above 0: no weight changes by more in a step, so that none is thrown where its logistic
