@@ -3,7 +3,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh
-export PATH="$PWD/.venv/bin:$PATH" OMP_WAIT_POLICY=passive MPLBACKEND=Agg
+export PATH="$PWD/.venv/bin:$PATH" OMP_WAIT_POLICY=passive
 ruff check .
 ruff format --check .
 mypy
