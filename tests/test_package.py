@@ -20,6 +20,8 @@ LAYERS = [
     {"segments", "robot", "pk_chain", "dh", "urdf", "config"},
     {"kinematics", "engine"},
     {"solvers", "data", "files"},
+    {"networks"},
+    {"training"},
     {"papers", "plots", "bench"},
     {"cli"},
 ]

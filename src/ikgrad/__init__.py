@@ -22,6 +22,7 @@ _HOME = {
     "ConfigError": "errors",
     "DataError": "errors",
     "ConvergenceError": "errors",
+    "TrainingError": "errors",
     "Robot": "robot",
     "load_robot": "robot",
     "forward_kinematics": "kinematics",

@@ -47,3 +47,7 @@ class ConvergenceError(IkgradError, RuntimeError):
     def __init__(self, message: str, solution: IKSolution):
         super().__init__(message)
         self.solution = solution
+
+
+class TrainingError(IkgradError, RuntimeError):
+    """A training cannot go on; the message says at which epoch, and the last good weights are in the network."""
