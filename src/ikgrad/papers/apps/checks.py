@@ -3,19 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from ikgrad.papers.apps.compare import DescentRow, NewtonRow
 from ikgrad.papers.apps.tables import Tables
-
-
-@dataclass(frozen=True)
-class Check:
-    """One claim about the reproduction, and whether it holds."""
-
-    claim: str
-    holds: bool
-    measured: str
+from ikgrad.papers.record import Check
 
 
 def check(

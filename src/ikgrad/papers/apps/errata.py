@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,18 +13,8 @@ from ikgrad.papers.apps.compare import DescentRow
 from ikgrad.papers.apps.experiment import JOINT_COLUMNS, Motion, entry_error
 from ikgrad.papers.apps.tables import CORRECTED_JOINTS, mean_errors_mm, printed_position, two_decimals
 from ikgrad.papers.printed import find_row, numbers, read_table
+from ikgrad.papers.record import Erratum
 from ikgrad.robot import load_robot
-
-
-@dataclass(frozen=True)
-class Erratum:
-    """One misprint: what stands in the paper, what is right, and what shows it."""
-
-    number: int
-    where: str
-    printed: str
-    right: str
-    evidence: str
 
 
 def errata(

@@ -3,31 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
-from typing import NamedTuple
 
 from ikgrad.papers.apps.compare import DescentRow
 from ikgrad.papers.apps.study import AppsStudy
-
-Cells = tuple[str, ...]
-
-
-class Table(NamedTuple):
-    """A table of text; columns after the first ``left`` ones hold numbers."""
-
-    title: str
-    columns: Cells
-    rows: tuple[Cells, ...]
-    left: int = 1
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        cells = [[escape(cell) for cell in row] for row in (self.columns, *self.rows)]
-        head, *body = ("".join(f"<td>{cell}</td>" for cell in row) for row in cells)
-        rows = "".join(f"<tr>{row}</tr>" for row in body)
-        return (
-            f"<table><caption>{escape(self.title)}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-        )
+from ikgrad.papers.record import Table, checks_table, misprints_table
 
 
 def report(study: AppsStudy) -> list[Table]:
@@ -41,8 +20,8 @@ def report(study: AppsStudy) -> list[Table]:
         stalls(study),
         learning_rates(study),
         random_starts(study),
-        misprints(study),
-        checks(study),
+        misprints_table(study.errata),
+        checks_table(study.checks),
     ]
     return [table for table in tables if table.rows]
 
@@ -173,18 +152,6 @@ def random_starts(study: AppsStudy) -> Table:
     )
     columns = ("method", "reached", "inside limits", "iterations, median", "95 %", "at most", "time a pose [ms]")
     return Table(title, columns, tuple(rows))
-
-
-def misprints(study: AppsStudy) -> Table:
-    """The misprints with their evidence."""
-    rows = [(str(e.number), e.where, e.printed, e.right, e.evidence) for e in study.errata]
-    return Table("Misprints", ("", "where", "printed", "right", "evidence"), tuple(rows), left=5)
-
-
-def checks(study: AppsStudy) -> Table:
-    """What is claimed, and whether it holds."""
-    rows = [("yes" if check.holds else "NO", check.claim, check.measured) for check in study.checks]
-    return Table("Does it reproduce?", ("", "claim", "measured"), tuple(rows), left=3)
 
 
 def _finals(rows: Iterable[DescentRow]) -> Sequence[str]:

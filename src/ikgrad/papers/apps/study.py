@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,11 +13,12 @@ from torch import Tensor
 from ikgrad import __version__
 from ikgrad.config import AppsConfig
 from ikgrad.papers.apps import compare
-from ikgrad.papers.apps.checks import Check, check
+from ikgrad.papers.apps.checks import check
 from ikgrad.papers.apps.compare import DescentRow, NewtonRow, RandomRow
-from ikgrad.papers.apps.errata import Erratum, errata
+from ikgrad.papers.apps.errata import errata
 from ikgrad.papers.apps.experiment import Motion, solve_motions
 from ikgrad.papers.apps.tables import Tables, all_tables
+from ikgrad.papers.record import Check, Erratum, one_thread, plain
 from ikgrad.solvers.apps import Apps
 
 Progress = Callable[[str, int, int], None]
@@ -69,9 +69,9 @@ class AppsStudy:
             "config": asdict(self.config) | {"learning_rates": list(self.config.learning_rates)},
             "versions": self.versions,
             "iterations": [row.iterations for row in self.tables.table6],
-            **_plain(asdict(self.tables)),
+            **plain(asdict(self.tables)),
             "stable_rates": list(self.stable_rates),
-            **{name: [_plain(asdict(row)) for row in getattr(self, name)] for name in names},
+            **{name: [plain(asdict(row)) for row in getattr(self, name)] for name in names},
         }
 
 
@@ -88,7 +88,7 @@ def run_study(config: AppsConfig | None = None, *, progress: Progress | None = N
         >>> run_study(quick).to_json()["iterations"]
         [438, 256, 316, 618, 278, 233, 281]
     """
-    with _one_thread():
+    with one_thread():
         return _run(config or AppsConfig(), progress)
 
 
@@ -129,17 +129,6 @@ def _run(config: AppsConfig, progress: Progress | None) -> AppsStudy:
     )
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """One torch thread for a while: with tensors this small, threads wait for each other, up to ten times as long."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
 def _counter(progress: Progress | None, total: int) -> Callable[[str], None]:
     done = -1
 
@@ -150,10 +139,3 @@ def _counter(progress: Progress | None, total: int) -> Callable[[str], None]:
             progress(label, done, total)
 
     return show
-
-
-def _plain(value: Any) -> Any:
-    """Tuples as lists, so that a round trip through JSON changes nothing."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
