@@ -52,6 +52,86 @@ class AppsConfig:
         _require(good, "learning_rates", "must be one or more positive numbers", list(self.learning_rates))
 
 
+@dataclasses.dataclass(frozen=True)
+class RuleConfig:
+    """A training rule of the PUMA 560 study and the network that it trains, ``configs/puma_*.yaml``.
+
+    Attributes:
+        name: shown in tables.
+        rule: which optimizer of `ikgrad.optim`.
+        order: a step after every pattern, in ``fixed`` or in ``random`` order, or one step an epoch for the whole
+            ``batch``.
+        lr: eta.
+        momentum: alpha; quickprop has none.
+        kappa: of delta-bar-delta, what a rate gains in a step.
+        phi: of delta-bar-delta, what part a rate loses.
+        theta: of delta-bar-delta, memory of the trace.
+        mu: of quickprop, largest growth of a step.
+        max_step: of quickprop, cap on the change of a weight.
+        literal: quickprop as eq. (58) is printed.
+        hidden: units of each hidden layer.
+        activation: of the hidden layers.
+        output: activation of the last layer.
+        low: where the smallest value of an input or output column goes.
+        high: where the largest goes.
+        bound: first weights are uniform in +-bound.
+    """
+
+    name: str = "OBP"
+    rule: Literal["backprop", "delta_bar_delta", "quickprop"] = "backprop"
+    order: Literal["fixed", "random", "batch"] = "fixed"
+    lr: float = 0.05
+    momentum: float = 0.0
+    kappa: float = 0.01
+    phi: float = 0.1
+    theta: float = 0.7
+    mu: float = 1.75
+    max_step: float = 0.1
+    literal: bool = False
+    hidden: tuple[int, ...] = (10,)
+    activation: str = "logistic"
+    output: str = "logistic"
+    low: float = 0.0
+    high: float = 1.0
+    bound: float = 0.5
+
+    def __post_init__(self) -> None:
+        for key in ("lr", "mu", "max_step", "bound"):
+            _require(getattr(self, key) > 0, key, "must be positive", getattr(self, key))
+        for key in ("momentum", "phi", "theta"):
+            _require(0 <= getattr(self, key) < 1, key, "must be in [0, 1)", getattr(self, key))
+        _require(self.kappa >= 0, "kappa", "must not be negative", self.kappa)
+        good = len(self.hidden) > 0 and min(self.hidden) > 0
+        _require(good, "hidden", "must be one or more positive numbers", list(self.hidden))
+        _require(self.low < self.high, "low", f"must be below high, {self.high}", self.low)
+        _require(
+            self.rule != "quickprop" or self.momentum == 0, "momentum", "does not exist in quickprop", self.momentum
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class PumaConfig:
+    """Settings of the PUMA 560 study, ``ikgrad reproduce puma``.
+
+    Attributes:
+        epochs: of every rule; 111111 are the paper's one million presentations of a pattern, 1000000 its N.
+        seeds: networks of every rule, with first weights of their own.
+        literal_epochs: of eq. (58) as printed.
+        rules: the rules; default: the five of the paper, ``configs/puma_*.yaml``.
+    """
+
+    epochs: int = 111_111
+    seeds: int = 16
+    literal_epochs: int = 2000
+    rules: tuple[RuleConfig, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in ("epochs", "seeds", "literal_epochs"):
+            _require(getattr(self, key) > 0, key, "must be positive", getattr(self, key))
+        names = [rule.name for rule in self.rules]
+        _require(len(set(names)) == len(names), "name", "must differ between the rules", names)
+
+
 def load_config(cls: type[Config], path: str | Path) -> Config:
     """Read a YAML file into a dataclass of settings: every key is known and of the right type, or it is refused.
 
@@ -127,4 +207,4 @@ def _require(ok: bool, key: str, rule: str, value: object) -> None:
         raise ConfigError(f"{key} {rule}, got {value}")
 
 
-__all__ = ["AppsConfig", "load_config"]
+__all__ = ["AppsConfig", "PumaConfig", "RuleConfig", "load_config"]

@@ -8,16 +8,19 @@ from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
+from ikgrad.plots.training import learning_curves, spread
 
 __all__ = [
     "PALETTE",
     "arm_path",
     "comparison_bars",
     "convergence",
+    "learning_curves",
     "learning_rates",
     "new_figure",
     "save_figure",
     "solve_summary",
+    "spread",
     "styled",
     "to_png",
 ]

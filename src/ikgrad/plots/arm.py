@@ -26,6 +26,7 @@ def arm_path(
     points: Mapping[str, np.ndarray] | None = None,
     view: tuple[float, float] = (20.0, -50.0),
     radius: float = 0.075,
+    legend: str = "tool on motion",
 ) -> Figure:
     """An arm in space: the first pose solid, the others as ghosts, with curves of the tool and named points.
 
@@ -36,6 +37,7 @@ def arm_path(
         points: name to (3,) positions [m].
         view: elevation and azimuth of the camera [deg].
         radius: of the thickest link [m].
+        legend: its title.
     """
     from matplotlib.patheffects import withStroke
 
@@ -56,7 +58,7 @@ def arm_path(
             label.set_path_effects([withStroke(linewidth=3, foreground="white")])
         axes.view_init(*view)
         if paths:
-            axes.legend(title="tool on motion", loc="upper left", bbox_to_anchor=(0.0, 1.0), labelspacing=0.25)
+            axes.legend(title=legend, loc="upper left", bbox_to_anchor=(0.0, 1.0), labelspacing=0.25)
     return figure
 
 

@@ -1,0 +1,90 @@
+"""What the papers' commands share: options, tables, the output folder, progress."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ikgrad.cli.terminal import Progress, note, print_table
+
+if TYPE_CHECKING:
+    from ikgrad.papers.record import Table
+
+
+def add_options(parser: argparse.ArgumentParser, paper: str) -> None:
+    """The options that every paper has."""
+    parser.add_argument("--json", action="store_true", help="print the same numbers as one JSON document")
+    parser.add_argument("--out", metavar="DIR", help=f"folder for the figures and {paper}.json; made if it is missing")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files in DIR")
+
+
+def print_report(tables: Iterable[Table]) -> None:
+    """All tables on stdout."""
+    for table in tables:
+        print_table(table.title, table.columns, table.rows, right=range(table.left, len(table.columns)))
+
+
+def check_outputs(folder: str | None, names: Iterable[str], *, force: bool) -> dict[str, Path]:
+    """The files to be written, by what they show; none without a folder.
+
+    Raises:
+        DataError: one of them exists, or the folder is not writable.
+    """
+    from ikgrad.files.places import check_output
+
+    if folder is None:
+        return {}
+    paths = (Path(folder) / name for name in names)
+    return {path.stem: check_output(path, [".png", ".json"], force=force) for path in paths}
+
+
+def write_outputs(study: Any, outputs: Mapping[str, Path], figures: Mapping[str, Callable[[Any], Any]]) -> None:
+    """Figures and numbers of a study; every file appears whole."""
+    from ikgrad.files.places import in_one_move
+    from ikgrad.plots import save_figure
+
+    for name, path in outputs.items():
+        if path.suffix == ".png":
+            save_figure(figures[name](study), path)
+            continue
+        with in_one_move(path, force=True) as temporary:
+            temporary.write_text(json.dumps(study.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if outputs:
+        note(f"wrote {', '.join(path.name for path in outputs.values())} to {next(iter(outputs.values())).parent}")
+
+
+@contextlib.contextmanager
+def output_folder(name: str | None) -> Iterator[None]:
+    """Make the folder if it is missing (its parent must exist), and take it away again if nothing comes of it."""
+    from ikgrad.errors import DataError
+
+    folder = Path(name or ".")
+    if folder.exists() and not folder.is_dir():
+        raise DataError(f"{folder}: is a file, not a folder")
+    if not folder.absolute().parent.is_dir():
+        raise DataError(f"{folder}: the folder '{folder.parent}' does not exist; create it first")
+    made = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if made:
+            with contextlib.suppress(OSError):  # not empty: some files were written
+                folder.rmdir()
+        raise
+
+
+@contextlib.contextmanager
+def study_progress(paper: str, unit: str) -> Iterator[Any]:
+    """Progress of a study, as a function (label, done, total)."""
+    with Progress(f"reproduce {paper}", 0, unit) as progress:
+
+        def show(label: str, done: int, total: int) -> None:
+            progress.what, progress.total = label, total
+            progress.advance(done - progress.done)
+
+        yield show
