@@ -18,7 +18,12 @@ import ikgrad as ik
 from ikgrad.cli.main import COMMANDS, build_parser, main
 from ikgrad.cli.terminal import Progress, duration
 
-COMMAND_LINES = [[], ["reproduce", "apps"], *([module.__name__.rsplit(".", 1)[1]] for module in COMMANDS)]
+COMMAND_LINES = [
+    [],
+    ["reproduce", "apps"],
+    ["reproduce", "puma"],
+    *([module.__name__.rsplit(".", 1)[1]] for module in COMMANDS),
+]
 HOME = "0,-0.3,0,-2.2,0,2,0.8"
 
 

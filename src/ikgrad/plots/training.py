@@ -73,6 +73,6 @@ def spread(
         if reference:
             panels[0].plot([], [], color=INK, linewidth=1.4, linestyle="--", label=reference_label)
         panels[0].plot([], [], "o", color=FAINT, markersize=4, label="one seed; bar: median")
-        panels[0].legend(loc="lower left")
+        panels[0].legend(loc="upper right")
         panels[0].set_ylabel(ylabel)
     return figure

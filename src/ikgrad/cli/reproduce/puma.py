@@ -15,6 +15,7 @@ from ikgrad.cli.reproduce.shared import (
     check_outputs,
     output_folder,
     print_report,
+    stop_between_steps,
     study_progress,
     write_outputs,
 )
@@ -60,8 +61,13 @@ def run(args: argparse.Namespace) -> int:
             from ikgrad.papers.puma.report import report
             from ikgrad.papers.puma.study import run_study
 
-            with study_progress("puma", "steps") as show:
-                study = run_study(config, races=args.races, checkpoints=checkpoints, progress=show)
+            with study_progress("puma", "steps") as show, stop_between_steps() as stop_if_asked:
+
+                def progress(label: str, done: int, total: int) -> None:
+                    show(label, done, total)
+                    stop_if_asked()
+
+                study = run_study(config, races=args.races, checkpoints=checkpoints, progress=progress)
             if args.json:
                 print_json(study.to_json())
             else:
@@ -105,8 +111,12 @@ def _checkpoints(args: argparse.Namespace) -> Iterator[Path | None]:
     folder.mkdir(exist_ok=True)
     try:
         yield folder
-    except KeyboardInterrupt as interrupt:
-        raise Interrupted(
-            f"interrupted; go on with the same command and --resume (checkpoints in {folder})"
-        ) from interrupt
+    except BaseException as error:
+        with contextlib.suppress(OSError):  # not empty: there is something to go on with
+            folder.rmdir()
+        if isinstance(error, KeyboardInterrupt) and folder.exists():
+            raise Interrupted(
+                f"interrupted; the same command with --resume goes on (checkpoints in {folder})"
+            ) from error
+        raise
     shutil.rmtree(folder)

@@ -79,6 +79,30 @@ def output_folder(name: str | None) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def stop_between_steps() -> Iterator[Callable[[], None]]:
+    """Ctrl-C waits for the next call of the function that is yielded; a second one does not wait."""
+    import signal
+
+    pressed = False
+
+    def remember(*_: object) -> None:
+        nonlocal pressed
+        pressed = True
+        signal.signal(signal.SIGINT, before)
+
+    def check() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, remember)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
 def study_progress(paper: str, unit: str) -> Iterator[Any]:
     """Progress of a study, as a function (label, done, total)."""
     with Progress(f"reproduce {paper}", 0, unit) as progress:

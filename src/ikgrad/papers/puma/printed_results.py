@@ -36,6 +36,16 @@ class PrintedCase:
     table8: float
     copy_of: str
 
+    @property
+    def low_deg(self) -> Tensor:
+        """(6,) smallest desired angle of each joint."""
+        return self.desired_deg.amin(0)
+
+    @property
+    def high_deg(self) -> Tensor:
+        """(6,) largest desired angle of each joint."""
+        return self.desired_deg.amax(0)
+
 
 def printed_cases() -> tuple[PrintedCase, ...]:
     """All five cases, errors recomputed from the printed angles.

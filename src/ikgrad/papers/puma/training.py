@@ -145,7 +145,8 @@ class Stack:
         Args:
             epochs: wanted.
             checkpoint: file that is kept up to date every few seconds and at the end; read first if it exists.
-            progress: called with the number of steps done since it was last called.
+            progress: called with the number of steps done since it was last called; a KeyboardInterrupt that it
+                raises stops the training, checkpoint first.
 
         Raises:
             DataError: the checkpoint is of other settings, or damaged.
@@ -169,9 +170,7 @@ class Stack:
         for key, value in wanted.items():
             if saved["settings"].get(key) != value:
                 was = saved["settings"].get(key)
-                raise DataError(
-                    f"{checkpoint}: belongs to a run with {key} = {was}, now {value}; use --force to start anew"
-                )
+                raise DataError(f"{checkpoint}: is of a run with {key} {was}, not {value}; --force starts anew")
         self.training.load_state_dict(saved["training"])
         self.seconds = saved["seconds"]
 
@@ -223,20 +222,28 @@ class _Watch:
         self.start = self.written = time.monotonic()
 
     def __call__(self, training: Training) -> None:
-        if self.progress is not None:
-            self.progress((training.epoch - self.epoch) * self.stack.steps)
+        steps = (training.epoch - self.epoch) * self.stack.steps
         self.epoch = training.epoch
         if self.checkpoint is not None and time.monotonic() - self.written > CHECKPOINT_EVERY:
             self._save(self.checkpoint)
+        try:
+            self._count(steps)
+        except KeyboardInterrupt:  # between two epochs: nothing is half done
+            if self.checkpoint is not None:
+                self._save(self.checkpoint)
+            raise
 
     def finish(self) -> None:
         """The last count and the last checkpoint."""
-        if self.progress is not None:  # a stack that diverged has fewer epochs than it was to have
-            self.progress((self.epochs - self.epoch) * self.stack.steps)
         if self.checkpoint is not None:
             self._save(self.checkpoint)
         else:
             self._clock()
+        self._count((self.epochs - self.epoch) * self.stack.steps)  # those that a diverged stack was spared
+
+    def _count(self, steps: int) -> None:
+        if self.progress is not None:
+            self.progress(steps)
 
     def _save(self, checkpoint: Path) -> None:
         self._clock()
