@@ -6,7 +6,8 @@ lane by construction, which a loop left to the auto-vectoriser does not promise,
 registers LLVM splits a vector into several.
 
 Inside kernels: ``+ - * /`` and comparisons between vectors and floats, ``& | ~`` between masks, and the functions
-below. All memory is one-dimensional, contiguous and float64; offsets count elements.
+below. All memory is one-dimensional, contiguous and float64; offsets count elements. Where an array is allowed, so is
+its `pointer`.
 """
 
 from __future__ import annotations
@@ -96,6 +97,7 @@ _operator(operator.lt, Mask, lambda b, x, y: b.fcmp_ordered("<", x, y))
 _operator(operator.le, Mask, lambda b, x, y: b.fcmp_ordered("<=", x, y))
 _operator(operator.gt, Mask, lambda b, x, y: b.fcmp_ordered(">", x, y))
 _operator(operator.ge, Mask, lambda b, x, y: b.fcmp_ordered(">=", x, y))
+_operator(operator.eq, Mask, lambda b, x, y: b.fcmp_ordered("==", x, y))
 
 
 @infer_global(operator.and_)
@@ -125,7 +127,8 @@ lower_builtin(operator.neg, Vec)(lambda c, b, sig, args: b.fneg(args[0]))
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, offset: Any, kind: Any) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
+    is_pointer = isinstance(array_type, types.CPointer)
+    data = array if is_pointer else context.make_array(array_type)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [offset]), kind.as_pointer())
 
 
@@ -133,6 +136,36 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, offset: An
 def splat(typingctx, x):  # type: ignore[no-untyped-def]
     """Vec with the float ``x`` in every lane."""
     return Vec(types.float64), lambda c, b, sig, args: _splat(b, args[0])
+
+
+@_intrinsic
+def pointer(typingctx, array):  # type: ignore[no-untyped-def]
+    """Where an array's elements are, for `load` and `store` in inlined functions with branches.
+
+    Numba counts references to an array where it is handed on, and behind a branch it fails to leave that out again: two
+    atomic operations an access. A pointer is not counted; the caller's caller keeps the array alive.
+    """
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return context.make_array(sig.args[0])(context, builder, args[0]).data
+
+    return types.CPointer(array.dtype)(array), codegen
+
+
+@_intrinsic
+def ahead(typingctx, memory, count):  # type: ignore[no-untyped-def]
+    """The pointer ``count`` elements on."""
+    return memory(memory, types.int64), lambda c, b, sig, args: b.gep(args[0], [args[1]])
+
+
+@_intrinsic
+def peek(typingctx, memory, offset):  # type: ignore[no-untyped-def]
+    """One element behind a pointer."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.load(builder.gep(args[0], [args[1]]))
+
+    return memory.dtype(memory, types.int64), codegen
 
 
 @_intrinsic
@@ -184,6 +217,21 @@ def load_column(typingctx, array, offset, stride):  # type: ignore[no-untyped-de
         return value
 
     return Vec(array, types.int64, types.int64), codegen
+
+
+@_intrinsic
+def load_rows(typingctx, array, rows, offset):  # type: ignore[no-untyped-def]
+    """Vec whose lane i is element ``rows[i] + offset``, with ``rows`` an int64 array: one column of any eight rows."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        value = ir.Constant(_VEC, ir.Undefined)
+        for i in range(W):
+            row = builder.load(_pointer(context, builder, sig.args[1], args[1], ir.Constant(_I64, i), _I64))
+            pointer = _pointer(context, builder, sig.args[0], args[0], builder.add(row, args[2]), _F64)
+            value = builder.insert_element(value, builder.load(pointer), ir.Constant(ir.IntType(32), i))
+        return value
+
+    return Vec(array, rows, types.int64), codegen
 
 
 @_intrinsic
@@ -293,6 +341,17 @@ def has_bit(typingctx, x, position):  # type: ignore[no-untyped-def]
         return builder.icmp_unsigned("!=", found, ir.Constant(_BITS, [0] * W))
 
     return Mask(Vec, types.int64), codegen
+
+
+@_intrinsic
+def power_of_two(typingctx, x):  # type: ignore[no-untyped-def]
+    """2^k of each lane, where the low eleven bits of the lane's pattern hold k + 1023; 0 and infinity at the ends."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        by = ir.Constant(_BITS, [52] * W)
+        return builder.bitcast(builder.shl(builder.bitcast(args[0], _BITS), by), _VEC)
+
+    return Vec(Vec), codegen
 
 
 @_intrinsic

@@ -1,4 +1,4 @@
-"""Sine, cosine and the rotation logarithm for `Vec`, as polynomials (libm's do not vectorise)."""
+"""Sine, cosine, the rotation logarithm, logistic and tanh for `Vec`, as polynomials (libm's do not vectorise)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from numba import njit
 
-from ikgrad.engine.simd import bits, fabs, get_lane, has_bit, select, set_lane, sqrt
+from ikgrad.engine.simd import bits, fabs, get_lane, has_bit, power_of_two, select, set_lane, sqrt
 
 _TWO_OVER_PI = 2.0 / math.pi
 _MAGIC = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer, whose low bits are then the float's
@@ -73,6 +73,51 @@ def _sincos_far(x: Any, sine: Any, cosine: Any, far: Any) -> Any:
                 sine = set_lane(sine, lane, math.nan)
                 cosine = set_lane(cosine, lane, math.nan)
     return sine, cosine
+
+
+_LOG2_E = 1.4426950408889634
+_EXPONENT = _MAGIC + 1023.0  # adding it rounds to an integer k and leaves k + 1023 in the low bits
+_LN2_A, _LN2_B = 0.693145751953125, 1.42860682030941723212e-6  # ln 2; the first part ends in zeros
+
+
+@njit(forceinline=True)
+def _exp_parts(x: Any) -> Any:
+    """(q, p, s) of each lane with ``exp(x) = s (q + p) / (q - p)`` and s a power of two, for x in [-709, 710].
+
+    Reduction to |r| <= ln(2) / 2, then the rational function of Cephes. A caller who divides anyway saves a division.
+    """
+    shifted = x * _LOG2_E + _EXPONENT
+    n = shifted - _EXPONENT
+    r = (x - n * _LN2_A) - n * _LN2_B
+    z = r * r
+    p = z * 1.26177193074810590878e-4 + 3.02994407707441961300e-2
+    p = (p * z + 9.99999999999999999910e-1) * r
+    q = z * 3.00198505138664455042e-6 + 2.52448340349684104192e-3
+    q = q * z + 2.27265548208155028766e-1
+    q = q * z + 2.00000000000000000005
+    return q, p, power_of_two(shifted)
+
+
+@njit(forceinline=True)
+def _within(x: Any, low: float, high: float) -> Any:
+    """Each lane clamped to [low, high]; NaN stays."""
+    return select(x < low, low, select(x > high, high, x))
+
+
+@njit(forceinline=True)
+def logistic(x: Any) -> Any:
+    """1 / (1 + exp(-x)) of each lane, within 2 ulp; 1 from 37 on, 0 below -709."""
+    q, p, s = _exp_parts(_within(-x, -709.0, 710.0))  # s is 0 and infinity at the ends
+    a = q - p
+    return a / (a + s * (q + p))
+
+
+@njit(forceinline=True)
+def tanh(x: Any) -> Any:
+    """Hyperbolic tangent of each lane, within 2 ulp also near 0; exactly +-1 beyond 20."""
+    q, p, s = _exp_parts(_within(x + x, -40.0, 40.0))
+    more, less = s + 1.0, s - 1.0  # less is exactly 0 near x = 0, so that nothing cancels
+    return (q * less + p * more) / (q * more + p * less)
 
 
 @njit(forceinline=True)

@@ -59,15 +59,30 @@ class Batches:
             return
         yield from zip(x.split(self.batch_size, -2), y.split(self.batch_size, -2), strict=True)
 
-    def _in_order(self) -> tuple[Tensor, Tensor]:
+    def orders(self, epochs: int) -> Tensor | None:
+        """Draw the orders of the next epochs.
+
+        Returns:
+            (epochs, S, N) which pattern comes when for each network, or (epochs, 1, N) for one order for all; None
+            where all orders are fixed.
+        """
         if all(generator is None for generator in self._generators):
+            return None
+        orders = torch.arange(self.count).repeat(epochs, len(self._generators), 1)
+        for k, generator in enumerate(self._generators):
+            if generator is not None:
+                for epoch in range(epochs):
+                    torch.randperm(self.count, generator=generator, out=orders[epoch, k])
+        return orders
+
+    def _in_order(self) -> tuple[Tensor, Tensor]:
+        orders = self.orders(1)
+        if orders is None:
             return self.x, self.y
-        fixed = torch.arange(self.count)
-        orders = [fixed if g is None else torch.randperm(self.count, generator=g) for g in self._generators]
-        if len(orders) == 1:
-            return self.x[..., orders[0], :], self.y[..., orders[0], :]
-        order = torch.stack(orders).unsqueeze(-1)  # (S, N, 1)
-        return self.x.take_along_dim(order, -2), self.y.take_along_dim(order, -2)
+        order = orders[0]
+        if len(order) == 1:
+            return self.x[..., order[0], :], self.y[..., order[0], :]
+        return self.x.take_along_dim(order[..., None], -2), self.y.take_along_dim(order[..., None], -2)
 
     def state_dict(self) -> dict[str, Any]:
         """Where the random orders stand."""

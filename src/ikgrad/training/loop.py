@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Collection
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 
 from ikgrad.errors import TrainingError
 from ikgrad.networks import MLP
+from ikgrad.training import compiled
 from ikgrad.training.batches import Batches
 from ikgrad.training.history import History
 
@@ -31,6 +33,9 @@ class Training:
     The best weights so far, by validation error or else by training error, are kept for every network by itself;
     `restore_best` puts them back.
 
+    An `MLP` with one of the classical rules of `ikgrad.optim`, the plain objective and data in float64 on the CPU
+    trains on compiled kernels, many epochs at a time: the same numbers but for rounding, a hundred times faster.
+
     Args:
         network: a module; an `MLP` with members is S networks.
         optimizer: any of torch's or ours, over the network's parameters. One with an attribute ``wants_residuals``
@@ -40,6 +45,7 @@ class Training:
         reduction: how r becomes a loss.
         validation: patterns to judge by.
         patience: stop a network after so many recorded epochs in a row without a new best; None: never.
+        engine: "torch" does without compiled kernels.
 
     Example:
         >>> from ikgrad import optim
@@ -62,10 +68,11 @@ class Training:
         reduction: Literal["sum", "mean"] = "sum",
         validation: Batches | None = None,
         patience: int | None = None,
+        engine: Literal["auto", "torch"] = "auto",
     ):
         self.network, self.optimizer, self.data = network, optimizer, data
         self.objective, self.reduction = objective, reduction
-        self.validation, self.patience = validation, patience
+        self.validation, self.patience, self.engine = validation, patience, engine
         self.history = History()
         self.epoch = 0
         members = getattr(network, "members", None)
@@ -90,19 +97,29 @@ class Training:
         Args:
             epochs: in all, those before included.
             record: epochs at which errors are taken, best weights kept and stopping is judged; default: all.
-            after_epoch: called after every epoch, for progress and checkpoints.
+            after_epoch: called from time to time after an epoch, for progress and checkpoints: after every recorded
+                one, and at least every few tenths of a second or after every epoch, whichever is longer.
 
         Raises:
             TrainingError: the loss of every network is infinite or not a number; the best weights are back then.
         """
+        due = range(epochs + 1) if record is None else sorted({*record, epochs + 1})
         while self.epoch < epochs and not self.stopped.all():
-            for x, y in self.data.epoch():
-                self._step(x, y)
-            self.epoch += 1
-            if record is None or self.epoch in record:
+            next_due = due[bisect_right(due, self.epoch)]
+            self._advance(min(next_due, epochs))
+            if self.epoch == next_due:
                 self._record()
             if after_epoch is not None:
                 after_epoch(self)
+
+    def _advance(self, until: int) -> None:
+        """Train for at least one epoch, and none beyond ``until``."""
+        if self.engine == "auto" and self._is_plain() and compiled.serves(self):
+            self.epoch += compiled.run(self, until - self.epoch)
+            return
+        for x, y in self.data.epoch():
+            self._step(x, y)
+        self.epoch += 1
 
     def mean_squared_error(self, data: Batches) -> Tensor:
         """(S,) mean squares of the objective over some data, S = 1 for a single network."""
@@ -138,10 +155,17 @@ class Training:
     def _choose_step(self) -> Callable[[Tensor, Tensor], None]:
         if getattr(self.optimizer, "wants_residuals", False):
             return self._residual_step
-        plain = self.objective is difference and self.reduction == "sum"
-        if plain and isinstance(self.network, MLP) and self.network.knows_its_gradient and self._one_gradient_a_step():
+        if (
+            self._is_plain()
+            and isinstance(self.network, MLP)
+            and self.network.knows_its_gradient
+            and self._one_gradient_a_step()
+        ):
             return self._backpropagated_step
         return self._autograd_step
+
+    def _is_plain(self) -> bool:
+        return self.objective is difference and self.reduction == "sum"
 
     def _one_gradient_a_step(self) -> bool:
         """Whether the optimizer can do without a closure; L-BFGS searches along a line and cannot."""
