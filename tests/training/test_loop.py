@@ -72,6 +72,28 @@ def test_every_pattern_is_shown_once_an_epoch_in_orders_that_change():
     assert data.steps == 4
 
 
+@pytest.mark.parametrize("count", [1, 9, 100])
+def test_orders_do_not_depend_on_how_epochs_are_split(count):
+    def data():
+        x = torch.zeros(2, count, 1)
+        return Batches(x, x, batch_size=1, shuffle=[3, -1])
+
+    whole, parts = data(), data()
+    expected = whole.orders(7)
+    assert torch.equal(torch.cat([parts.orders(epochs) for epochs in (1, 4, 2)]), expected)
+    assert expected.shape == (7, 2, count)
+    assert torch.equal(expected[:, 1], torch.arange(count).expand(7, -1))
+    assert torch.equal(expected.sort(-1).values, torch.arange(count).expand(7, 2, -1))
+
+
+def test_all_orders_of_three_patterns_are_equally_likely():
+    x = torch.zeros(3, 1)
+    orders = Batches(x, x, batch_size=1, shuffle=0).orders(6000)[:, 0]
+    _, counts = orders.unique(dim=0, return_counts=True)
+    assert len(counts) == 6
+    assert ((counts - 1000).abs() < 150).all()  # five standard deviations
+
+
 def test_a_fixed_order_is_the_order_of_the_data():
     x = torch.arange(5.0)[:, None]
     for _ in range(2):

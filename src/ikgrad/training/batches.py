@@ -68,12 +68,14 @@ class Batches:
         """
         if all(generator is None for generator in self._generators):
             return None
-        orders = torch.arange(self.count).repeat(epochs, len(self._generators), 1)
-        for k, generator in enumerate(self._generators):
-            if generator is not None:
-                for epoch in range(epochs):
-                    torch.randperm(self.count, generator=generator, out=orders[epoch, k])
-        return orders
+        fixed = torch.arange(self.count).expand(epochs, -1)
+        orders = [fixed if g is None else self._shuffled(epochs, g) for g in self._generators]
+        return torch.stack(orders, 1)
+
+    def _shuffled(self, epochs: int, generator: torch.Generator) -> Tensor:
+        """Sorting random keys: many epochs in one call, and the same orders however epochs are split over calls."""
+        keys = torch.rand(epochs, self.count, dtype=torch.float64, generator=generator)
+        return keys.argsort(stable=True, dim=-1)
 
     def _in_order(self) -> tuple[Tensor, Tensor]:
         orders = self.orders(1)

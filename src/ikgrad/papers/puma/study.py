@@ -90,8 +90,8 @@ def run_study(
     """
     config = config or PumaConfig()
     config = replace(config, rules=config.rules or paper_rules())
+    cases, literal = _train(config, checkpoints, progress)
     with one_thread():
-        cases, literal = _train(config, checkpoints, progress)
         raced = run_races(progress) if races else ()
     path, printed = check_path(), printed_cases()
     order = [(rule.name, data) for data in ("printed", "corrected") for rule in config.rules]
