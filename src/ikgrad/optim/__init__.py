@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from ikgrad.optim.backprop import Backprop
 from ikgrad.optim.delta_bar_delta import DeltaBarDelta
+from ikgrad.optim.levenberg_marquardt import LevenbergMarquardt
 from ikgrad.optim.quickprop import Quickprop
 
-__all__ = ["Backprop", "DeltaBarDelta", "Quickprop"]
+__all__ = ["Backprop", "DeltaBarDelta", "LevenbergMarquardt", "Quickprop"]
