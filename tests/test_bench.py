@@ -25,6 +25,7 @@ from ikgrad.bench.protocols import PROTOCOLS
 from ikgrad.bench.race import Runner, race
 from ikgrad.bench.run import Request
 from ikgrad.bench.statistics import median_interval, paired_ratio, percentile
+from ikgrad.bench.watch import run_python
 from ikgrad.cli.main import main
 from ikgrad.errors import ConfigError, RobotError, ShapeError, UnknownNameError
 
@@ -399,12 +400,26 @@ def test_a_request_is_checked_before_any_work():
     assert Request("ik", ("panda",)).resolve().plan.rows == PROTOCOLS["tight"].rows
 
 
+def test_the_memory_of_a_process_is_its_own_and_not_that_of_its_parent():
+    ours = np.ones(50_000_000)  # 400 MB
+    assert run_python(["-c", "pass"]).peak < 100
+    assert 200 < run_python(["-c", "b'1' * 200_000_000"]).peak < 300
+    assert ours[-1] == 1
+
+
+def test_a_process_that_fails_says_why():
+    with pytest.raises(ConfigError, match="process of the benchmark failed: ValueError: no such thing"):
+        run_python(["-c", "raise ValueError('no such thing')"])
+
+
 @pytest.mark.slow
 def test_a_file_goes_through_the_command_in_bounded_memory(capsys: pytest.CaptureFixture[str]):
     assert main(["bench", "ik", "--protocol", "stream", "--rows", "100000", "--json"]) == 0
-    (cell,) = json.loads(capsys.readouterr().out)["cells"]
-    assert cell["solved"] == 100_000
-    assert cell["extra"]["peak_memory_mb"] < 1000
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    assert [cell["solver"] for cell in cells] == ["ikgrad, NPY", "ikgrad, Parquet"]
+    for cell in cells:
+        assert cell["solved"] == 100_000
+        assert cell["extra"]["peak_memory_mb"] < 700
 
 
 @pytest.mark.slow

@@ -141,6 +141,23 @@ def test_parquet_of_pandas_kind_is_read(tmp_path):
     assert not T[1].isfinite().all()
 
 
+@pytest.mark.parametrize("rows_a_group", [10_000, 1_000_000])
+def test_parquet_is_read_piece_by_piece_whatever_its_row_groups(tmp_path, rows_a_group: int):
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    random, path = np.random.default_rng(0), tmp_path / "p.parquet"
+    columns = {name: random.random(400_000) for name in COLUMNS}
+    pa.parquet.write_table(pa.table(columns), path, row_group_size=rows_a_group, use_dictionary=False)
+    del columns
+    before, most, rows = pa.total_allocated_bytes(), 0, 0
+    for targets in open_poses(path).chunks(5_000):
+        most = max(most, pa.total_allocated_bytes() - before)
+        rows += len(targets.T)
+    assert rows == 400_000
+    assert 0 < most < path.stat().st_size / 2
+
+
 # ---------------------------------------------------------------- bad values are rows, not errors
 
 

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
-import os
-import subprocess
-import sys
 import tempfile
-import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
 import torch
 
 from ikgrad.bench.ik import Plan
@@ -21,21 +15,13 @@ from ikgrad.bench.protocols import Protocol
 from ikgrad.bench.race import Advance
 from ikgrad.bench.records import Cell
 from ikgrad.bench.statistics import Interval, median_interval
+from ikgrad.bench.watch import Ended, run_python
 from ikgrad.data import sample_configurations
-from ikgrad.errors import ConfigError
+from ikgrad.files import open_joints, open_poses, pose_writer
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.robot import Robot
 
 CHUNK = 65_536
-
-
-class Ended(NamedTuple):
-    """What a process left."""
-
-    output: str
-    errors: str
-    seconds: float
-    peak: float  # resident memory [MB]
 
 
 _COMMAND = "import sys; from ikgrad.cli.main import main; sys.exit(main(sys.argv[1:]))"
@@ -58,51 +44,47 @@ def bench_stream(robot: Robot, protocol: Protocol, plan: Plan, *, source: str, a
         plan: rows, threads and seed.
         source: what ``--robot`` is given.
         advance: called with 1 after every run.
+
+    Returns:
+        A cell for each number of threads and kind of file; Parquet if pyarrow is installed.
     """
     cells = []
     with tempfile.TemporaryDirectory() as folder:
-        poses = Path(folder) / "poses.npy"
-        _write_poses(robot, poses, plan)
-        for threads in plan.threads:
-            output = Path(folder) / f"joints-{threads}.npz"
-            begin = time.perf_counter()
-            ended = _run(
-                ["-c", _COMMAND, "solve", "--robot", source, str(poses), "-o", str(output), "--json"],
-                {"OMP_NUM_THREADS": str(threads)},
-            )
-            took = time.perf_counter() - begin
-            rate = float(json.loads(ended.output)["poses_per_second"])
-            cells.append(_stream_cell(robot, protocol, plan, threads, poses, output, took, rate, ended.peak))
-            advance(1)
+        for kind, (before, after) in file_kinds().items():
+            poses = Path(folder) / f"poses{before}"
+            with pose_writer(poses) as writer:
+                for q in sample_configurations(robot, plan.rows, seed=plan.seed).split(CHUNK):
+                    writer.append(forward_kinematics(robot, q))
+            for threads in plan.threads:
+                output = Path(folder) / f"joints-{threads}{after}"
+                ended = run_python(
+                    ["-c", _COMMAND, "solve", "--robot", source, str(poses), "-o", str(output), "--json"],
+                    {"OMP_NUM_THREADS": str(threads)},
+                )
+                cells.append(_stream_cell(robot, protocol, plan, f"ikgrad, {kind}", threads, (poses, output), ended))
+                advance(1)
     return cells
 
 
-def _write_poses(robot: Robot, path: Path, plan: Plan) -> None:
-    file = np.lib.format.open_memmap(path, mode="w+", dtype=np.float64, shape=(plan.rows, 4, 4))
-    q = sample_configurations(robot, plan.rows, seed=plan.seed)
-    for first in range(0, plan.rows, CHUNK):
-        file[first : first + CHUNK] = forward_kinematics(robot, q[first : first + CHUNK]).numpy()
-    file.flush()
+def file_kinds() -> dict[str, tuple[str, str]]:
+    """Kinds of file that can be read and written here, with the suffixes of poses and joints."""
+    kinds = {"NPY": (".npy", ".npz")}
+    if importlib.util.find_spec("pyarrow") is not None:
+        kinds["Parquet"] = (".parquet", ".parquet")
+    return kinds
 
 
 def _stream_cell(
-    robot: Robot,
-    protocol: Protocol,
-    plan: Plan,
-    threads: int,
-    poses: Path,
-    output: Path,
-    took: float,
-    rate: float,
-    peak: float,
+    robot: Robot, protocol: Protocol, plan: Plan, name: str, threads: int, files: tuple[Path, Path], ended: Ended
 ) -> Cell:
-    T = torch.from_numpy(np.load(poses))
-    with np.load(output) as file:
-        q = torch.from_numpy(file["q"])
+    T = torch.cat([targets.T for targets in open_poses(files[0]).chunks()])
+    q = torch.cat(list(open_joints(files[1], robot).chunks()))
     verdict = judge(robot, q, T, tol_pos=protocol.tol_pos, tol_rot=protocol.tol_rot)
+    each = ended.seconds / plan.rows
+    rate = float(json.loads(ended.output)["poses_per_second"])
     return Cell(
         robot.name,
-        "ikgrad",
+        name,
         plan.rows,
         threads,
         "stream",
@@ -110,9 +92,9 @@ def _stream_cell(
         calls=1,
         solved=int(verdict.solved.sum()),
         outside=int((~verdict.inside).sum()),
-        median=took / plan.rows,
-        mean=Interval(took / plan.rows, took / plan.rows, took / plan.rows),
-        extra={"peak_memory_mb": peak, "seconds": took, "solve_poses_per_second": rate},
+        median=each,
+        mean=Interval(each, each, each),
+        extra={"peak_memory_mb": ended.peak, "seconds": ended.seconds, "solve_poses_per_second": rate},
     )
 
 
@@ -130,15 +112,15 @@ def bench_cold(robot: Robot, plan: Plan, *, source: str, advance: Advance) -> li
     """
     target = forward_kinematics(robot, sample_configurations(robot, 1, seed=plan.seed))[0, :3].tolist()
     first = _FIRST.format(robot=source, target=target)
-    _run(["-c", first], {})  # fills the kernel cache and the system's file cache
+    run_python(["-c", first])  # fills the kernel cache and the system's file cache
     over, alone = [], []
     for _ in range(plan.rows):
-        alone.append(_run(["-c", _IMPORT], {}).seconds)
-        over.append(_run(["-c", first], {}).seconds - alone[-1])
+        alone.append(run_python(["-c", _IMPORT]).seconds)
+        over.append(run_python(["-c", first]).seconds - alone[-1])
         advance(1)
     with tempfile.TemporaryDirectory() as folder:
         fresh = {"NUMBA_CACHE_DIR": folder, "XDG_CACHE_HOME": folder}
-        ended = _run(["-c", first], fresh)
+        ended = run_python(["-c", first], fresh)
         compiling = ended.seconds - median_interval(alone).value
         advance(1)
     interval = median_interval(over)
@@ -171,30 +153,3 @@ def bench_cold(robot: Robot, plan: Plan, *, source: str, advance: Advance) -> li
             },
         ),
     ]
-
-
-def _run(arguments: list[str], environment: Mapping[str, str]) -> Ended:
-    """Run Python with some arguments and more environment variables.
-
-    Raises:
-        ConfigError: it failed; the message ends with its last line.
-    """
-    variables = {**os.environ, "OMP_WAIT_POLICY": "passive", **environment}
-    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
-        begin = time.perf_counter()
-        process = subprocess.Popen([sys.executable, *arguments], stdout=out, stderr=err, env=variables)
-        if hasattr(os, "wait4"):
-            _, status, usage = os.wait4(process.pid, 0)  # of this child alone; getrusage would mix all children
-            process.returncode = os.waitstatus_to_exitcode(status)
-            peak = usage.ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)  # bytes there, kB elsewhere
-        else:
-            process.wait()
-            peak = float("nan")
-        took = time.perf_counter() - begin
-        out.seek(0)
-        err.seek(0)
-        message = err.read()
-        if process.returncode != 0:
-            lines = message.strip().splitlines()
-            raise ConfigError(f"a process of the benchmark failed: {lines[-1] if lines else process.returncode}")
-        return Ended(out.read(), message, took, peak)

@@ -11,7 +11,7 @@ from ikgrad.bench.path import bench_paths
 from ikgrad.bench.peers import PEERS, peers
 from ikgrad.bench.peers.base import Peer
 from ikgrad.bench.peers.ours import Ikgrad
-from ikgrad.bench.processes import bench_cold, bench_stream
+from ikgrad.bench.processes import bench_cold, bench_stream, file_kinds
 from ikgrad.bench.protocols import PROTOCOLS, Protocol
 from ikgrad.bench.race import Advance
 from ikgrad.bench.records import Cell, Report
@@ -79,7 +79,7 @@ class Job:
         if self.request.command != "ik":
             each = self.plan.turns(solvers + 1) * len(JOBS[self.request.command])
         elif self.protocol.name == "stream":
-            each = len(self.plan.threads)
+            each = len(self.plan.threads) * len(file_kinds())
         elif self.protocol.name == "cold":
             each = self.plan.rows + 1
         else:

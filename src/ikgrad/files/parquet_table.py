@@ -11,6 +11,8 @@ import numpy as np
 from ikgrad.errors import DataError
 from ikgrad.files.columns import pick, rechunk
 
+READ_AHEAD = 1 << 18  # bytes a column
+
 
 def pyarrow_parquet(path: Path) -> tuple[Any, Any]:
     """The modules ``pyarrow`` and ``pyarrow.parquet``.
@@ -70,7 +72,8 @@ class ParquetTable:
     def _open(self) -> Any:
         pa, parquet = pyarrow_parquet(self.path)
         try:
-            return parquet.ParquetFile(self.path)
+            # by default the whole file is read ahead; a small buffer also streams a file of one row group
+            return parquet.ParquetFile(self.path, pre_buffer=False, buffer_size=READ_AHEAD)
         except (pa.ArrowException, OSError) as error:
             raise DataError(f"{self.path}: is not a readable Parquet file: {_first_line(error)}") from error
 
