@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ikgrad.errors import RobotError, UnknownNameError
+from ikgrad.garbage import no_collection
 from ikgrad.robot import Robot
 from ikgrad.segments import Segment, Variable, is_pose
 
@@ -41,7 +42,8 @@ def parse(path: Path) -> yourdfpy.urdf.Robot:
     """
     if not path.is_file():
         raise RobotError(f"{path}: no such file (and no built-in robot of that name; `ikgrad robots` lists them)")
-    import yourdfpy
+    with no_collection():
+        import yourdfpy
 
     try:
         with open(path, "rb"), _quiet(), np.errstate(all="ignore"):

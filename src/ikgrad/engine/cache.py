@@ -21,6 +21,8 @@ import numba
 from numba import njit
 from numba.core import caching, event
 
+from ikgrad.garbage import no_collection
+
 log = logging.getLogger("ikgrad")
 _kernels: list[Any] = []
 
@@ -76,6 +78,10 @@ class _CacheImpl(caching.CompileResultCacheImpl):
 
 class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        with no_collection():  # the first one imports what is left of Numba
+            return super().load_overload(sig, target_context)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
