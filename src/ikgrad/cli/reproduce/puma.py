@@ -46,7 +46,7 @@ def add(papers: Commands) -> None:
     parser.add_argument("--full", action="store_true", help=f"the paper's {FULL} epochs")
     parser.add_argument("--seeds", type=count, metavar="N", help="networks of every rule (default 16)")
     parser.add_argument(
-        "--races", action="store_true", help="also race the rules against Rprop, Adam and L-BFGS (minutes)"
+        "--races", action="store_true", help="also race the rules against Rprop, Adam, L-BFGS and others (minutes)"
     )
     parser.add_argument("--resume", action="store_true", help="go on with the run that was cut off in DIR")
     parser.set_defaults(run=run)
