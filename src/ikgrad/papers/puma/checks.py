@@ -39,7 +39,7 @@ def _tables(path: Sequence[PathRow], printed: Sequence[PrintedCase]) -> Iterator
 def _errors(ours: dict[str, CaseResult]) -> Iterator[Check]:
     for name, case in ours.items():
         low, high = case.rms_deg.min().item(), case.rms_deg.max().item()
-        middle = case.rms_deg.median().item()
+        middle = case.rms_deg.quantile(0.5).item()
         if name in PLAIN and case.epochs in (SHORT, LONG):
             least, most = (0.6, 1.3) if case.epochs == SHORT else (0.25, 0.42)
             claim = f"{name}: median rms between {least} and {most} deg after {case.epochs} epochs"
@@ -54,8 +54,8 @@ def _errors(ours: dict[str, CaseResult]) -> Iterator[Check]:
 def _ranking(ours: dict[str, CaseResult]) -> Iterator[Check]:
     if not set(PLAIN + ADAPTIVE) <= set(ours) or ours["OBP"].epochs < SHORT:
         return
-    best = min(ours[name].rms_deg.median().item() for name in PLAIN)
-    worst = max(ours[name].rms_deg.median().item() for name in ADAPTIVE)
+    best = min(ours[name].rms_deg.quantile(0.5).item() for name in PLAIN)
+    worst = max(ours[name].rms_deg.quantile(0.5).item() for name in ADAPTIVE)
     claim = f"DBD and QP ahead of OBP, OBPR and BBP by {LEAD:g} times, medians"
     yield Check(claim, best >= LEAD * worst, f"{best / worst:.1f} times")
 

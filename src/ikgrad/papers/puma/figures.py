@@ -40,7 +40,7 @@ def path(study: PumaStudy) -> Figure:
     robot = load_robot("puma560")
     data = path_data("corrected")
     cases = [case for case in study.cases if case.data == "corrected"]
-    best, worst = (pick(cases, key=lambda case: case.rms_deg.median().item()) for pick in (min, max))
+    best, worst = (pick(cases, key=lambda case: case.rms_deg.quantile(0.5).item()) for pick in (min, max))
     tracks = {"path of Table 1": data.p.numpy()}
     for case in (best, worst):
         q = data.q + case.errors_deg[case.median_seed].deg2rad()
