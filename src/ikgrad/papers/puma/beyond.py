@@ -98,8 +98,8 @@ class Race:
     rows: tuple[RaceRow, ...]
 
 
-# Rates by trial on (b) and (c), for 6 s each: per pattern 0.05, 0.2, 0.5; for the sum over n patterns k / n with k = 0.45
-# (the paper's rate on its nine poses), 2, 5, 20, 50; Adam 0.001, 0.003, 0.01, 0.03. Per pattern 0.5 is as quick as 0.2.
+# Rates by trial on (b) and (c), 6 s each: per pattern 0.05, 0.2, 0.5, the latter two alike; for the sum over n patterns
+# k / n with k = 0.45 (the paper's rate on its nine poses), 2, 5, 20, 50; Adam 0.001, 0.003, 0.01, 0.03.
 CONTENDERS = (
     Contender("OBP", lambda p, n: optim.Backprop(p, 0.2, momentum=0.5), batch_size=1),
     Contender("OBPR", lambda p, n: optim.Backprop(p, 0.2, momentum=0.5), batch_size=1, shuffle=True),
