@@ -30,6 +30,8 @@ _HOME = {
     "jacobian": "kinematics",
     "pose_error": "kinematics",
     "sample_configurations": "data",
+    "via_point_trajectory": "trajectory",
+    "Trajectory": "trajectory",
     "solve_ik": "solvers.solve",
     "IKSolution": "solvers.solution",
     "Reason": "solvers.solution",
