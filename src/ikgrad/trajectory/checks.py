@@ -79,6 +79,12 @@ def check_limit(name: str, value: Numbers, shape: Sequence[int], like: Tensor) -
     return given
 
 
+def check_derivative(order: int) -> None:
+    """Refuse a negative order."""
+    if order < 0:
+        raise ConfigError(f"derivative must not be negative, got {order}")
+
+
 def check_inside(t: Tensor, times: Tensor, eps: float) -> None:
     """Refuse times (..., T), or one, outside the first and last of ``times`` by more than a few roundings."""
     start, end = (times[..., :1], times[..., -1:]) if t.ndim else (times[..., 0], times[..., -1])

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ikgrad.errors import ConfigError
-from ikgrad.trajectory.checks import Numbers, as_numbers, check_inside, check_limit, entry, fit
+from ikgrad.trajectory.checks import Numbers, as_numbers, check_derivative, check_inside, check_limit, entry, fit
 from ikgrad.trajectory.extremes import derivative as slope
 from ikgrad.trajectory.extremes import extremes
 
@@ -78,8 +78,7 @@ class Trajectory:
             >>> trajectory.position(torch.linspace(0, 3, 50)).shape
             torch.Size([5, 50, 6])
         """
-        if derivative < 0:
-            raise ConfigError(f"derivative must not be negative, got {derivative}")
+        check_derivative(derivative)
         given = as_numbers("t", t, self.times)
         fit("t", given.shape[:-1], self.batch_shape)
         coarse = t.dtype if isinstance(t, Tensor) and t.is_floating_point() else given.dtype
@@ -104,6 +103,7 @@ class Trajectory:
             >>> bool(high > 1.01)  # it overshoots
             True
         """
+        check_derivative(derivative)
         h = self.times.diff(dim=-1).double()
         powers = torch.arange(self.coefficients.shape[-2], device=h.device)
         unit = self.coefficients.double() * (h[..., None] ** powers)[..., None]  # (..., S, d + 1, n) in u = s / h

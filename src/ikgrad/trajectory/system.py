@@ -39,7 +39,8 @@ def solve_coefficients(points: Tensor, times: Tensor, kind: Kind, ends: list[End
     degrees = kind.degrees(m - 1)
     scale = (times[..., -1:] - times[..., :1]) / (m - 1)  # the mean duration becomes the unit of time
     h = times.diff(dim=-1) / scale  # (..., m - 1)
-    given = torch.stack([end.value * scale**end.order for end in ends], dim=-2)  # (..., ends, n)
+    scaled = torch.broadcast_tensors(*(end.value * scale**end.order for end in ends))
+    given = torch.stack(scaled, dim=-2)  # (..., ends, n)
     batch = torch.broadcast_shapes(points.shape[:-2], given.shape[:-2])
     data = torch.cat([points.expand(*batch, *points.shape[-2:]), given.expand(*batch, *given.shape[-2:])], dim=-2)
     via = _response(h, equations(degrees), ends) @ data  # (..., 2 m, n)
