@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -242,3 +244,47 @@ def test_the_scaling_is_differentiable():
     points = random_points(3, 4, 2).requires_grad_()
     limits: dict[str, Any] = {"velocity_max": 0.5, "acceleration_max": 0.4}
     assert gradcheck(lambda p: ik.via_point_trajectory(p, times).scaled_to(**limits).duration, (points,))
+
+
+def test_the_page_of_documentation_runs_and_says_what_is_true():
+    page = Path(__file__).parents[2] / "docs" / "trajectories.md"
+    scope: dict[str, Any] = {}
+    exec("\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)), scope)
+    assert scope["hand"].flatten().tolist() == pytest.approx(
+        [15.584, 2.748, 21.081, -0.866, -0.500, 21.428, 17.241, 9.954, 18.675], abs=6e-4
+    )
+    assert scope["highest"].rad2deg().max().item() == pytest.approx(68, abs=0.5)
+    assert scope["slow"].duration.item() == pytest.approx(24.8, abs=0.05)
+    assert scope["slow"].peak().max().item() == pytest.approx(0.2, rel=1e-12)
+    assert scope["vias"].flatten().tolist() == pytest.approx([0.10, 0.50, 0.90], abs=0.006)
+    assert scope["residual"].item() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("kind", "wanted"),
+    [
+        ("4-3-4", (68, 35, 31, 93)),
+        ("quintic", (72, 34, 30, 89)),
+        ("cubic", (63, 27, 37, 25)),
+        ("3-5-3", (101, 67, 76, 292)),
+    ],
+)
+def test_the_table_of_kinds_in_the_documentation(kind: str, wanted: tuple[float, ...]):
+    points = torch.tensor([[0, 0, 0, 0], [10, 20, 30, 40], [30, 40, 50, 60], [30, 15, 25, 35]]).double()
+    trajectory = ik.via_point_trajectory(points, [0, 2, 5, 8], kind=kind)
+    peaks = [trajectory.peak(derivative=d).max().item() for d in range(4)]
+    assert peaks == pytest.approx(wanted, abs=0.51)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_a_gpu_it_is_the_same_and_stays_there(kind: str):
+    points, times = random_points(20, 6, 2), random_times(20, 6)
+    here, there = (ik.via_point_trajectory(points.to(d), times.to(d), kind=kind) for d in ("cpu", "cuda"))
+    t = inside(times, 9)
+    for derivative in range(4):
+        value = there(t.cuda(), derivative=derivative)
+        assert value.is_cuda
+        torch.testing.assert_close(value.cpu(), here(t, derivative=derivative), rtol=1e-9, atol=1e-9)
+    slow = there.scaled_to(velocity_max=0.5)
+    torch.testing.assert_close(slow.duration.cpu(), here.scaled_to(velocity_max=0.5).duration)

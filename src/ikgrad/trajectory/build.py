@@ -101,6 +101,3 @@ def _end(
         EndCondition(last, order, check_end(f"{side}_{name}", 0.0 if value is None else value, points).double())
         for order, (name, value) in values.items()
     ]
-
-
-__all__ = ["via_point_trajectory"]
