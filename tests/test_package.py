@@ -19,7 +19,7 @@ LAYERS = [
     {"rotations", "trajectory", "optim"},
     {"segments", "robot", "pk_chain", "dh", "urdf", "config"},
     {"kinematics", "engine"},
-    {"solvers", "data", "files"},
+    {"solvers", "collision", "data", "files"},
     {"networks"},
     {"training"},
     {"papers", "plots", "bench"},

@@ -23,6 +23,7 @@ _HOME = {
     "DataError": "errors",
     "ConvergenceError": "errors",
     "TrainingError": "errors",
+    "CollisionError": "errors",
     "Robot": "robot",
     "load_robot": "robot",
     "forward_kinematics": "kinematics",
@@ -40,14 +41,15 @@ _HOME = {
     "LevenbergMarquardt": "solvers.levenberg",
     "Puma560ClosedForm": "solvers.closed_form",
     "puma560_ik": "solvers.puma560",
+    "sphere_link_distance": "collision.distance",
 }
 
-__all__ = [*_HOME, "optim", "__version__"]
+__all__ = [*_HOME, "collision", "optim", "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    if name == "optim":  # a module of its own, so that ik.optim reads like torch.optim
-        return importlib.import_module("ikgrad.optim")
+    if name in ("collision", "optim"):  # modules of their own, so that ik.optim reads like torch.optim
+        return importlib.import_module(f"ikgrad.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'ikgrad' has no attribute '{name}'")
     value = getattr(importlib.import_module(f"ikgrad.{_HOME[name]}"), name)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ikgrad.collision.motion import MotionCheck
     from ikgrad.solvers.solution import IKSolution
 
 
@@ -51,3 +52,11 @@ class ConvergenceError(IkgradError, RuntimeError):
 
 class TrainingError(IkgradError, RuntimeError):
     """A training cannot go on; the message says at which epoch, and the last good weights are in the network."""
+
+
+class CollisionError(IkgradError, RuntimeError):
+    """Raised by `MotionCheck.raise_if_touching`; carries the verdicts as ``check``."""
+
+    def __init__(self, message: str, check: MotionCheck):
+        super().__init__(message)
+        self.check = check

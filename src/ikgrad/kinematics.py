@@ -95,11 +95,13 @@ def jacobian(robot: Robot, q: Tensor) -> Tensor:
 
 def takes_kernels(robot: Robot, q: Tensor) -> bool:
     """True if the compiled kernels can serve: float64 on the CPU, and no transform that must see torch operations."""
+    return q.dtype == torch.float64 and q.device.type == "cpu" and robot.geometry is None and no_transform()
+
+
+def no_transform() -> bool:
+    """True unless a transform (``vmap``, ``jvp``, ``torch.compile``) runs, which must see torch operations alone."""
     return (
-        q.dtype == torch.float64
-        and q.device.type == "cpu"
-        and robot.geometry is None
-        and not torch.compiler.is_compiling()
+        not torch.compiler.is_compiling()
         and not torch._C._are_functorch_transforms_active()  # vmap, jacrev, ...
         and forward_ad._current_level < 0
     )

@@ -23,6 +23,53 @@ def aligned(size: int) -> Any:
 
 
 @njit(forceinline=True)
+def first_frame(base: Any) -> Any:
+    """The first joint's frame before its motion: columns x, y, z and origin p, 12 Vecs."""
+    x, y = (splat(base[0]), splat(base[1]), splat(base[2])), (splat(base[3]), splat(base[4]), splat(base[5]))
+    return *x, *y, splat(base[6]), splat(base[7]), splat(base[8]), splat(base[9]), splat(base[10]), splat(base[11])
+
+
+@njit(forceinline=True)
+def to_joint(frame: Any, joints: Any, k: int) -> Any:
+    """From the moving frame before it to joint k's frame before its motion: a translation and a turn by b about x."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = frame
+    i = 9 * k
+    tx, ty, tz, cb, sb = joints[i], joints[i + 1], joints[i + 2], joints[i + 3], joints[i + 4]
+    px = px + xx * tx + yx * ty + zx * tz
+    py = py + xy * tx + yy * ty + zy * tz
+    pz = pz + xz * tx + yz * ty + zz * tz
+    yx, zx = yx * cb + zx * sb, zx * cb - yx * sb
+    yy, zy = yy * cb + zy * sb, zy * cb - yy * sb
+    yz, zz = yz * cb + zz * sb, zz * cb - yz * sb
+    return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
+
+
+@njit(forceinline=True)
+def through_joint(frame: Any, joints: Any, kinds: Any, q: Any, k: int) -> Any:
+    """The motion of joint k: a turn about z, or a slide along it and a fixed turn."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = frame
+    i = 9 * k
+    theta = load(q, kinds[2 * k + 1] * W) * joints[i + 5] + joints[i + 6]
+    if kinds[2 * k] != 0:
+        c, s = splat(joints[i + 7]), splat(joints[i + 8])
+        px, py, pz = px + zx * theta, py + zy * theta, pz + zz * theta
+    else:
+        s, c = sincos(theta)
+    xx, yx = xx * c + yx * s, yx * c - xx * s
+    xy, yy = xy * c + yy * s, yy * c - xy * s
+    xz, yz = xz * c + yz * s, yz * c - xz * s
+    return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
+
+
+@njit(forceinline=True)
+def leave_joint(frame: Any, k: int, frames: Any) -> None:
+    """Write z and p of joint k's frame into ``frames``."""
+    j = k * WALK
+    for i in range(6):
+        store(frames, j + i * W, frame[6 + i])
+
+
+@njit(forceinline=True)
 def walk(base: Any, joints: Any, kinds: Any, q: Any, frames: Any) -> Any:
     """Go along the chain from the base to the last moving frame.
 
@@ -36,37 +83,13 @@ def walk(base: Any, joints: Any, kinds: Any, q: Any, frames: Any) -> Any:
     Returns:
         The columns x, y, z and the origin p of the last moving frame, 12 Vecs.
     """
-    xx, xy, xz = splat(base[0]), splat(base[1]), splat(base[2])
-    yx, yy, yz = splat(base[3]), splat(base[4]), splat(base[5])
-    zx, zy, zz = splat(base[6]), splat(base[7]), splat(base[8])
-    px, py, pz = splat(base[9]), splat(base[10]), splat(base[11])
+    frame = first_frame(base)
     for k in range(kinds.size // 2):
-        i = 9 * k
-        tx, ty, tz, cb, sb = joints[i], joints[i + 1], joints[i + 2], joints[i + 3], joints[i + 4]
         if k > 0:  # the first joint's frame is the base's
-            px = px + xx * tx + yx * ty + zx * tz
-            py = py + xy * tx + yy * ty + zy * tz
-            pz = pz + xz * tx + yz * ty + zz * tz
-            yx, zx = yx * cb + zx * sb, zx * cb - yx * sb
-            yy, zy = yy * cb + zy * sb, zy * cb - yy * sb
-            yz, zz = yz * cb + zz * sb, zz * cb - yz * sb
-        j = k * WALK
-        store(frames, j, zx)
-        store(frames, j + W, zy)
-        store(frames, j + 2 * W, zz)
-        store(frames, j + 3 * W, px)
-        store(frames, j + 4 * W, py)
-        store(frames, j + 5 * W, pz)
-        theta = load(q, kinds[2 * k + 1] * W) * joints[i + 5] + joints[i + 6]
-        if kinds[2 * k] != 0:
-            c, s = splat(joints[i + 7]), splat(joints[i + 8])
-            px, py, pz = px + zx * theta, py + zy * theta, pz + zz * theta
-        else:
-            s, c = sincos(theta)
-        xx, yx = xx * c + yx * s, yx * c - xx * s
-        xy, yy = xy * c + yy * s, yy * c - xy * s
-        xz, yz = xz * c + yz * s, yz * c - xz * s
-    return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
+            frame = to_joint(frame, joints, k)
+        leave_joint(frame, k, frames)
+        frame = through_joint(frame, joints, kinds, q, k)
+    return frame
 
 
 @njit(forceinline=True)
