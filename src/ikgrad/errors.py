@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ikgrad.collision.motion import MotionCheck
+    from ikgrad.collision.verdict import MotionCheck
     from ikgrad.solvers.solution import IKSolution
 
 

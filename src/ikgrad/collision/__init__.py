@@ -8,14 +8,22 @@ one sign for all of it, so that ``distance <= 0`` is contact.
 from ikgrad.collision.distance import sphere_link_distance
 from ikgrad.collision.intersection import Intersection, link_sphere_intersection
 from ikgrad.collision.links import link_pairs, link_segments
+from ikgrad.collision.motions import FunctionMotion, PolynomialMotion, SampledMotion
 from ikgrad.collision.obstacles import Capsules, Obstacles, Spheres
 from ikgrad.collision.residual import clearance_residual
+from ikgrad.collision.sweep import check_motion
+from ikgrad.collision.verdict import MotionCheck
 
 __all__ = [
     "Capsules",
+    "FunctionMotion",
     "Intersection",
+    "MotionCheck",
     "Obstacles",
+    "PolynomialMotion",
+    "SampledMotion",
     "Spheres",
+    "check_motion",
     "clearance_residual",
     "link_pairs",
     "link_segments",
