@@ -42,6 +42,8 @@ _HOME = {
     "Puma560ClosedForm": "solvers.closed_form",
     "puma560_ik": "solvers.puma560",
     "sphere_link_distance": "collision.distance",
+    "Inverter": "networks.inverter",
+    "load_inverter": "networks.storage",
 }
 
 __all__ = [*_HOME, "collision", "optim", "__version__"]

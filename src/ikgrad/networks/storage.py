@@ -1,0 +1,234 @@
+"""Inverters on disk: a folder with ``model.safetensors`` and ``config.json``, and every reason to refuse one.
+
+The configuration says what the weights are for: the robot by name, fingerprint, joints, base and tip; units and
+features; sizes and activations; the checksum of the weights file; and the versions that wrote it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ikgrad import __version__
+from ikgrad.errors import DataError, RobotError, UnknownNameError
+from ikgrad.networks.inverter import Inverter
+from ikgrad.robot import Robot, load_robot
+
+WEIGHTS, CONFIG = "model.safetensors", "config.json"
+FORMAT = "ikgrad inverter 1"
+_KEYS = ("format", "robot", "units", "features", "network", "weights_sha256", "versions")
+_ROBOT_KEYS = ("name", "fingerprint", "joint_names", "base", "tip", "q_min", "q_max")
+_NETWORK_KEYS = ("feedback", "hidden", "activation", "encoding", "bounded", "dtype")
+
+
+def save_inverter(inverter: Inverter, folder: str | Path, *, force: bool = False) -> Path:
+    """Write an inverter; the folder appears whole or not at all.
+
+    Args:
+        inverter: what to write.
+        folder: made anew; its parent must exist.
+        force: replace a folder that holds an inverter.
+
+    Returns:
+        The folder.
+
+    Raises:
+        DataError: the folder exists, holds something else, or cannot be written.
+
+    Example:
+        >>> import ikgrad as ik, tempfile, torch
+        >>> robot = ik.load_robot("denso_vp6242")
+        >>> q = ik.sample_configurations(robot, 50, seed=0)
+        >>> T = ik.forward_kinematics(robot, q)
+        >>> inverter = ik.Inverter(robot).fit(T, q)
+        >>> with tempfile.TemporaryDirectory() as parent:
+        ...     again = ik.load_inverter(inverter.save(parent + "/mine"))
+        >>> torch.equal(again(T), inverter(T))
+        True
+    """
+    from safetensors.torch import save
+
+    weights = save({name: tensor.detach().cpu().contiguous() for name, tensor in inverter.state_dict().items()})
+    folder = Path(folder)
+    _refuse_folder(folder, force)
+    try:
+        with _in_one_move(folder) as temporary:
+            _write(temporary / WEIGHTS, weights)
+            config = {**_describe(inverter), "weights_sha256": hashlib.sha256(weights).hexdigest()}
+            _write(temporary / CONFIG, (json.dumps(config, indent=1) + "\n").encode())
+    except OSError as error:
+        raise DataError(f"{folder}: cannot write the inverter: {error.strerror}") from error
+    return folder
+
+
+def load_inverter(path: str | Path, *, robot: Robot | None = None) -> Inverter:
+    """Read an inverter that `Inverter.save` wrote, for the very robot that it was trained for.
+
+    Args:
+        path: the folder.
+        robot: the robot it shall serve; default: the built-in robot of the stored name, base and tip.
+
+    Raises:
+        RobotError: the weights belong to another robot, or to another version of it; the message says what differs.
+        DataError: a file is missing, truncated, changed, or lacks a part.
+    """
+    path = Path(path)
+    config = _read_config(path / CONFIG)
+    robot = _builtin_robot(path, config["robot"]) if robot is None else robot
+    _compare(path, config["robot"], robot)
+    state = _read_weights(path / WEIGHTS, config["weights_sha256"])
+    settings = dict(config["network"])
+    try:
+        dtype = getattr(torch, settings.pop("dtype"))
+        inverter = Inverter(robot, dtype=dtype, **settings)
+        if list(inverter.feature_names) != config["features"]:
+            raise ValueError("features of other names")
+        inverter.load_state_dict(state)
+    except (ValueError, TypeError, AttributeError, LookupError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise DataError(f"{path}: the weights do not fit the configuration: {reason}") from error
+    inverter._find_reference = False
+    return inverter
+
+
+def _describe(inverter: Inverter) -> dict[str, Any]:
+    robot, network = inverter.robot, inverter.network
+    return {
+        "format": FORMAT,
+        "robot": {
+            "name": robot.name,
+            "fingerprint": robot.fingerprint,
+            "joint_names": list(robot.joint_names),
+            "base": robot.base,
+            "tip": robot.tip,
+            "q_min": [_text(v.q_min) for v in robot.variables],
+            "q_max": [_text(v.q_max) for v in robot.variables],
+        },
+        "units": {"position": "m", "angle": "rad"},
+        "features": list(inverter.feature_names),
+        "network": {
+            "feedback": inverter.feedback,
+            "hidden": list(network.sizes[1:-1]),
+            "activation": network.hidden,
+            "encoding": inverter.encoding,
+            "bounded": inverter.bounded,
+            "dtype": str(inverter.dtype).removeprefix("torch."),
+        },
+        "versions": {"ikgrad": __version__, "torch": torch.__version__, "python": platform.python_version()},
+    }
+
+
+def _text(limit: float) -> float | str:
+    """JSON knows no infinity."""
+    return limit if abs(limit) < float("inf") else str(limit)
+
+
+def _read_config(path: Path) -> dict[str, Any]:
+    try:
+        config = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"{path}: cannot read the inverter's metadata: {error.strerror}") from error
+    except ValueError as error:
+        raise DataError(f"{path}: is not JSON; the inverter's metadata are damaged") from error
+    if not isinstance(config, dict) or config.get("format") != FORMAT:
+        raise DataError(f"{path}: is no inverter of this version of ikgrad (wanted: format '{FORMAT}')")
+    for part, keys in ((config, _KEYS), (config.get("robot"), _ROBOT_KEYS), (config.get("network"), _NETWORK_KEYS)):
+        missing = keys if not isinstance(part, Mapping) else [key for key in keys if key not in part]
+        if missing:
+            raise DataError(f"{path}: the metadata lack {', '.join(missing)}; the weights cannot be trusted without")
+    return config
+
+
+def _builtin_robot(path: Path, stored: Mapping[str, Any]) -> Robot:
+    try:
+        return load_robot(stored["name"], base=stored["base"], tip=stored["tip"])
+    except (UnknownNameError, RobotError) as error:
+        raise RobotError(
+            f"{path}: made for robot '{stored['name']}', {stored['base']} to {stored['tip']}, which is not built in; "
+            "give it: load_inverter(path, robot=...)"
+        ) from error
+
+
+def _compare(path: Path, stored: Mapping[str, Any], robot: Robot) -> None:
+    if stored["fingerprint"] == robot.fingerprint:
+        return
+    now = {
+        "joint_names": list(robot.joint_names),
+        "base": robot.base,
+        "tip": robot.tip,
+        "q_min": [_text(v.q_min) for v in robot.variables],
+        "q_max": [_text(v.q_max) for v in robot.variables],
+    }
+    differs = [f"{name.replace('_', ' ')} {stored[name]}, now {now[name]}" for name in now if stored[name] != now[name]]
+    what = "; ".join(differs) or "the geometry of the links"
+    raise RobotError(
+        f"{path}: these weights are for robot '{stored['name']}' with fingerprint {stored['fingerprint']}, not for "
+        f"'{robot.name}' with {robot.fingerprint}; what differs: {what}"
+    )
+
+
+def _read_weights(path: Path, checksum: str) -> dict[str, torch.Tensor]:
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot read the weights: {error.strerror}") from error
+    if hashlib.sha256(content).hexdigest() != checksum:
+        raise DataError(f"{path}: the weights are truncated or were changed since they were saved (checksum)")
+    try:
+        return load(content)
+    except SafetensorError as error:  # a right checksum over something else
+        raise DataError(f"{path}: is not a safetensors file: {error}") from error
+
+
+def _refuse_folder(folder: Path, force: bool) -> None:
+    if not folder.absolute().parent.is_dir():
+        raise DataError(f"{folder}: the folder '{folder.parent}' does not exist; create it first")
+    if not folder.exists():
+        return
+    if not folder.is_dir() or (any(folder.iterdir()) and not (folder / CONFIG).is_file()):
+        raise DataError(f"{folder}: exists and holds no inverter; choose another name")
+    if not force:
+        raise DataError(f"{folder}: exists already; it is replaced with force=True only")
+
+
+@contextlib.contextmanager
+def _in_one_move(folder: Path) -> Iterator[Path]:
+    """A temporary folder that takes the place of ``folder`` when the block ends well."""
+    temporary = folder.absolute().parent / f".{folder.name}.{os.getpid()}.tmp"
+    old = temporary.with_suffix(".old")
+    temporary.mkdir()
+    try:
+        yield temporary
+        if folder.exists():
+            os.replace(folder, old)
+        try:
+            os.replace(temporary, folder)
+        except OSError:
+            if old.exists():
+                os.replace(old, folder)
+            raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+__all__ = ["load_inverter", "save_inverter"]
