@@ -46,11 +46,13 @@ _HOME = {
     "load_inverter": "networks.storage",
 }
 
-__all__ = [*_HOME, "collision", "optim", "__version__"]
+_MODULES = ("collision", "data", "optim")  # modules of their own, so that ik.optim reads like torch.optim
+
+__all__ = [*_HOME, *_MODULES, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("collision", "optim"):  # modules of their own, so that ik.optim reads like torch.optim
+    if name in _MODULES:
         return importlib.import_module(f"ikgrad.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'ikgrad' has no attribute '{name}'")
