@@ -196,6 +196,7 @@ def test_scaling_keeps_the_path_and_divides_the_derivatives(batch: ik.Trajectory
     factor = torch.tensor([0.5, 1.0, 2.0, 3.0], dtype=torch.float64)
     slow = batch.scaled(factor)
     torch.testing.assert_close(slow.duration, factor * batch.duration)
+    assert torch.equal(slow.times[:, 0], batch.times[0].expand(4))
     u = torch.linspace(0, 1, 30, dtype=torch.float64)
     t = batch.times[0] + u * batch.duration
     t_slow = slow.times[:, :1] + u * slow.duration[:, None]

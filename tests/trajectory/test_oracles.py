@@ -106,6 +106,20 @@ def test_a_polynomial_that_the_kind_contains_comes_back(kind: str, m: int):
         np.testing.assert_allclose(trajectory(t, derivative=d)[:, 0], wanted, rtol=0, atol=1e-7)
 
 
+def test_segments_of_very_different_duration_keep_their_accuracy():
+    """1 to 100; without scaled rows of the system the worst error is 3e-8, with them 3e-10."""
+    curve = np.polynomial.Polynomial([0.3, -1.0, 0.5, 0.2, -0.1, 0.03])
+    worst = 0.0
+    for seed in range(20):
+        unit = torch.rand(8, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+        times = torch.nn.functional.pad((10 ** (2 * unit - 2)).cumsum(0), (1, 0))
+        p, v, a = (torch.from_numpy(c(times.numpy()))[:, None] for c in (curve, curve.deriv(1), curve.deriv(2)))
+        ends = {"start_velocity": v[0], "end_velocity": v[-1], "start_acceleration": a[0], "end_acceleration": a[-1]}
+        found = ik.via_point_trajectory(p, times, kind="quintic", **ends).acceleration(times)
+        worst = max(worst, float((found - a).abs().max()))
+    assert worst < 3e-9
+
+
 def integral_of_square(trajectory: ik.Trajectory, derivative: int) -> Tensor:
     """Of a derivative of every joint: eight-point Gauss quadrature a segment is exact up to degree 15."""
     nodes, weights = (torch.from_numpy(x) for x in np.polynomial.legendre.leggauss(8))
