@@ -30,8 +30,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     weights: time and memory grow with the square of their number, but J is never held whole.
 
     Args:
-        params: parameters, all of one group, real, of one dtype and on one device. float64 is recommended: J^T J squares
-            the condition of J.
+        params: parameters, all of one group, real, of one dtype and on one device. float64 is recommended: J^T J
+            squares the condition of J.
         mu: damping at the start, above 0.
         decrease: divides mu after a success, at least 1.
         increase: multiplies mu after a failure, above 1.
