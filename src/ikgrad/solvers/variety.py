@@ -39,20 +39,23 @@ def distinct_solutions(solver: Solver, problem: Problem, q0: Tensor | None, k: i
         q = solver.every_branch(problem, home)
         steps = torch.ones(q.shape[:2], dtype=torch.int64, device=q.device)
     else:
-        q, steps = _from_many_starts(solver, problem, home, max(32, STARTS_PER_SOLUTION * k))
+        q, steps = from_many_starts(solver, problem, home, max(32, STARTS_PER_SOLUTION * k))
     every = torch.arange(rows, device=q.device).repeat_interleave(q.shape[1])
     flat = q.flatten(0, 1)
     met = problem.rows(every).met(*problem.rows(every).measure(flat)) & problem.inside(flat)
     return _pick(problem, q, steps, met.view(steps.shape), home, k)
 
 
-def _from_many_starts(solver: Solver, problem: Problem, home: Tensor, starts: int) -> tuple[Tensor, Tensor]:
-    """(B, s, n) answers from ``home`` and random starts, and (B, s) steps."""
+def from_many_starts(
+    solver: Solver, problem: Problem, home: Tensor, starts: int, *, first: int = 0
+) -> tuple[Tensor, Tensor]:
+    """(B, s, n) answers from random starts number ``first``, ... and (B, s) steps; start 0 is ``home``."""
     rows, n = home.shape
     every = torch.arange(rows, device=problem.key.device).repeat_interleave(starts)
-    draw = torch.arange(starts, device=problem.key.device).expand(rows, starts) + (1 << 32)
+    draw = torch.arange(first, first + starts, device=problem.key.device).expand(rows, starts) + (1 << 32)
     q_start = random_configurations(problem.robot, problem.key, draw)
-    q_start[:, 0] = home
+    if first == 0:
+        q_start[:, 0] = home
     q, steps = attempt(solver, problem.rows(every), q_start.flatten(0, 1).clamp(problem.q_min, problem.q_max))
     return q.view(rows, starts, n), steps.view(rows, starts)
 
