@@ -30,9 +30,8 @@ def delta_bar_delta(settings: Any, memory: Any, at: Any, size: Any, w: Any, g: A
     """Settings (schedule, kappa, phi, theta, momentum); memory: rate, trace, last step."""
     schedule, kappa, phi, theta, momentum = settings
     rate, trace = load(memory, at), load(memory, at + size)
-    agree = ((trace > 0.0) & (g > 0.0)) | ((trace < 0.0) & (g < 0.0))
-    differ = ((trace > 0.0) & (g < 0.0)) | ((trace < 0.0) & (g > 0.0))
-    rate = select(agree, rate + kappa, select(differ, rate * (1.0 - phi), rate))
+    against = _along(g, trace)
+    rate = select(against < 0.0, rate + kappa, select(against > 0.0, rate * (1.0 - phi), rate))
     store(memory, at, rate)
     store(memory, at + size, trace * theta + g * (1.0 - theta))
     step = (rate * g) * -schedule
@@ -60,7 +59,7 @@ def quickprop(settings: Any, memory: Any, at: Any, size: Any, w: Any, g: Any) ->
 
 @njit(forceinline=True)
 def _along(slope: Any, step: Any) -> Any:
-    """Steepness along a step: the slope with the sign that makes downhill positive."""
+    """Steepness along a step: the slope with the sign that makes downhill positive; 0 without a step."""
     return select(step > 0.0, -slope, select(step < 0.0, slope, slope * 0.0))
 
 
