@@ -71,7 +71,8 @@ def find_layers(residuals: Tensor, params: Sequence[Tensor], members: int | None
     search = _Search({get_gradient_edge(p).node: k for k, p in enumerate(params)})
     if residuals.grad_fn is None or not search.claims_all(residuals.grad_fn):
         return None
-    layers = [_layer(node, w, params, members) for node, w in search.found().items()]
+    nodes = reversed(search.found().items())  # the walk begins at the residuals; this way the last layer comes last
+    layers = [_layer(node, w, params, members) for node, w in nodes]
     kept = [layer for layer in layers if layer is not None]
     every = {layer.weights for layer in kept}
     places = [k for w in every for k in (w.weight, w.bias) if k is not None]

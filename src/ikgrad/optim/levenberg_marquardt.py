@@ -30,8 +30,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     weights: time and memory grow with the square of their number, but J is never held whole.
 
     Args:
-        params: parameters, all of one group, real, of one dtype and on one device. float64 is recommended: J^T J
-            squares the condition of J.
+        params: parameters, one group of them, real, of one dtype and on one device. Take float64: J^T J squares the
+            condition of J.
         mu: damping at the start, above 0.
         decrease: divides mu after a success, at least 1.
         increase: multiplies mu after a failure, above 1.
@@ -39,6 +39,9 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         members: S networks stacked along the first dimension of every parameter and of the residuals, each depending
             on its own parameters alone. They are S problems solved side by side, with their own mu, success and end.
             None: one problem.
+
+    Attributes:
+        tries: (S,) steps tried in the last call, S = 1 without members.
 
     Source:
         Levenberg, Quarterly of Applied Mathematics 2 (1944); Marquardt, SIAM Journal 11 (1963); for networks, Hagan
