@@ -127,3 +127,12 @@ def test_points_on_two_branches_are_refused():
 def test_settings_without_sense_are_refused(make, error: type[Exception], message: str):
     with pytest.raises(error, match=message):
         make()
+
+
+def test_a_cube_beyond_reach_is_refused_or_drawn_anew():
+    with pytest.raises(ik.DataError, match=r"cube: \d+ of 2000 points cannot be reached by robot 'denso_vp6242'"):
+        draw(Cube(home=HOME, count=1000, half_width=0.07))
+    samples = draw(Cube(home=HOME, count=1000, half_width=0.07, redraw=True))
+    assert samples.q.shape == (1000, 6)
+    with pytest.raises(ik.DataError, match="cube: 20 of 20 points cannot be reached"):
+        draw(Cube(home=HOME, count=10, centre=(2.0, 0.0, 0.0), redraw=True))

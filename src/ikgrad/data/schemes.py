@@ -7,7 +7,7 @@ a frozen record of numbers around a home configuration, within one branch of sol
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, NoReturn
 
 import torch
 from torch import Tensor
@@ -176,7 +176,10 @@ class Helix(Scheme):
         s = torch.arange(self.count + 1, dtype=torch.float64) / self.count
         angle = 2 * torch.pi * self.turns * s
         p = torch.stack([self.radius_x * angle.sin(), self.radius_y * angle.cos(), self.rise * (s - 0.5)], dim=-1)
-        q = _joints(robot, _centre(robot, home, self.centre) + p, home, self.NAME)
+        p = _centre(robot, home, self.centre) + p
+        q, reached = _solve(robot, p, home)
+        if not reached.all():
+            _refuse_unreached(robot, p[~reached], p, self.NAME)
         _refuse_jumps(q[1:], q[:-1], self.NAME)
         return Samples(forward_kinematics(robot, q[1:]), q[1:], q[:-1])
 
@@ -193,6 +196,7 @@ class Cube(Scheme):
         half_width: of the cube [m].
         nearest: least distance of the nearby point [m].
         farthest: largest distance [m].
+        redraw: draw points out of reach anew (the cube is then not filled evenly) instead of refusing the cube.
 
     Example:
         >>> import ikgrad as ik
@@ -208,20 +212,32 @@ class Cube(Scheme):
     half_width: float = 0.05
     nearest: float = 0.0005
     farthest: float = 0.010
+    redraw: bool = False
 
     def draw(self, robot: Robot, generator: torch.Generator) -> Samples:
         """The rows."""
         if not 0 <= self.nearest <= self.farthest:
             raise ConfigError(f"nearest must be between 0 and farthest, {self.farthest}, got {self.nearest}")
         home = self._home(robot)
-        p = _centre(robot, home, self.centre) + self.half_width * _symmetric(self.count, 3, generator)
+        kept: list[Tensor] = []  # (k, 2, n) each
+        while sum(map(len, kept)) < self.count:
+            p = self._points(_centre(robot, home, self.centre), generator)  # (count, 2, 3)
+            q, reached = _solve(robot, p, home)
+            good = reached.all(-1)
+            if not good.all() and not (self.redraw and good.any()):
+                _refuse_unreached(robot, p[~reached], p, self.NAME)
+            kept.append(q[good])
+        q, q_current = torch.cat(kept)[: self.count].unbind(1)
+        _refuse_jumps(q, q_current, self.NAME)
+        return Samples(forward_kinematics(robot, q), q, q_current)
+
+    def _points(self, centre: Tensor, generator: torch.Generator) -> Tensor:
+        """(count, 2, 3) points and the points nearby."""
+        p = centre + self.half_width * _symmetric(self.count, 3, generator)
         direction = torch.randn(self.count, 3, dtype=torch.float64, generator=generator)
         share = torch.rand(self.count, 1, dtype=torch.float64, generator=generator)
         distance = self.nearest + share * (self.farthest - self.nearest)
-        nearby = p + distance * direction / direction.norm(dim=-1, keepdim=True)
-        q, q_current = _joints(robot, torch.cat([p, nearby]), home, self.NAME).split(self.count)
-        _refuse_jumps(q, q_current, self.NAME)
-        return Samples(forward_kinematics(robot, q), q, q_current)
+        return torch.stack([p, p + distance * direction / direction.norm(dim=-1, keepdim=True)], dim=1)
 
 
 SCHEMES: dict[str, type[Scheme]] = {scheme.NAME: scheme for scheme in (JointBox, SmoothPath, Helix, Cube)}
@@ -240,19 +256,20 @@ def _centre(robot: Robot, home: Tensor, centre: tuple[float, ...]) -> Tensor:
     return torch.tensor(centre, dtype=torch.float64)
 
 
-def _joints(robot: Robot, p: Tensor, home: Tensor, scheme: str) -> Tensor:
-    """Joints that reach positions with the orientation of home, on the branch of home."""
-    T = forward_kinematics(robot, home).repeat(len(p), 1, 1)
-    T[:, :3, 3] = p
+def _solve(robot: Robot, p: Tensor, home: Tensor) -> tuple[Tensor, Tensor]:
+    """Joints that reach positions (..., 3) with the orientation of home, on its branch; and which of them do."""
+    T = forward_kinematics(robot, home).expand(*p.shape[:-1], 4, 4).clone()
+    T[..., :3, 3] = p
     solution = solve_ik(robot, T, q0=home, tol_pos=_EXACT, tol_rot=_EXACT)
-    if not solution.success.all():
-        lost = ~solution.success
-        where = ", ".join(f"{x:.4g}" for x in p[lost][0].tolist())
-        raise DataError(
-            f"{scheme}: {int(lost.sum())} of {len(p)} points cannot be reached by robot '{robot.name}' with the "
-            f"orientation of home, the first at ({where}) m; make it smaller or move its centre"
-        )
-    return solution.q.detach()
+    return solution.q.detach(), solution.success
+
+
+def _refuse_unreached(robot: Robot, lost: Tensor, p: Tensor, scheme: str) -> NoReturn:
+    where = ", ".join(f"{x:.4g}" for x in lost[0].tolist())
+    raise DataError(
+        f"{scheme}: {len(lost)} of {p.numel() // 3} points cannot be reached by robot '{robot.name}' with the "
+        f"orientation of home, the first at ({where}) m; make it smaller or move its centre"
+    )
 
 
 def _refuse_jumps(q: Tensor, q_current: Tensor, scheme: str) -> None:
