@@ -132,6 +132,27 @@ class PumaConfig:
         _require(len(set(names)) == len(names), "name", "must differ between the rules", names)
 
 
+@dataclasses.dataclass(frozen=True)
+class DensoConfig:
+    """Settings of the Denso VP6242 study, ``ikgrad reproduce denso``.
+
+    Attributes:
+        seeds: networks of each kind on the smooth path (scheme B) and in the cube (scheme D).
+        traditional_epochs: of the traditional network on the smooth path; 121 is the paper's.
+        feedback_epochs: of the feedback network there; 68 is the paper's.
+        epochs: of all networks on the other schemes.
+    """
+
+    seeds: int = 10
+    traditional_epochs: int = 121
+    feedback_epochs: int = 68
+    epochs: int = 300
+
+    def __post_init__(self) -> None:
+        for key, value in vars(self).items():
+            _require(value > 0, key, "must be positive", value)
+
+
 def load_config(cls: type[Config], path: str | Path) -> Config:
     """Read a YAML file into a dataclass of settings: every key is known and of the right type, or it is refused.
 
@@ -207,4 +228,4 @@ def _require(ok: bool, key: str, rule: str, value: object) -> None:
         raise ConfigError(f"{key} {rule}, got {value}")
 
 
-__all__ = ["AppsConfig", "PumaConfig", "RuleConfig", "load_config"]
+__all__ = ["AppsConfig", "DensoConfig", "PumaConfig", "RuleConfig", "load_config"]

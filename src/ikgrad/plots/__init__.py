@@ -8,6 +8,7 @@ from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
+from ikgrad.plots.tracking import traces
 from ikgrad.plots.training import learning_curves, spread
 
 __all__ = [
@@ -23,4 +24,5 @@ __all__ = [
     "spread",
     "styled",
     "to_png",
+    "traces",
 ]

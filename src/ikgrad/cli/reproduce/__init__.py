@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikgrad.cli.parsing import Commands, example
-from ikgrad.cli.reproduce import apps, puma
+from ikgrad.cli.reproduce import apps, denso, puma
 
 
 def add(commands: Commands) -> None:
@@ -15,3 +15,4 @@ def add(commands: Commands) -> None:
     papers = parser.add_subparsers(dest="paper", metavar="PAPER", required=True, title="papers")
     apps.add(papers)
     puma.add(papers)
+    denso.add(papers)

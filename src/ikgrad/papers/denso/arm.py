@@ -99,9 +99,9 @@ def tool_down_ik(p: Tensor) -> Tensor:
     r"""Joints that put the gripper at positions, straight down as at home (rotation diag(-1, 1, -1)), in closed form.
 
     With ``r = hypot(x, y)`` and ``w = z + 0.17 - 0.125`` the wrist centre in the plane of the arm, the elbow from the
-    law of cosines, ``K = (r^2 + w^2 - a_2^2 - a_3^2 - d_4^2) / (2 a_2) = a_3 cos q3 - d_4 sin q3``, of whose two roots the one
-    near pi is taken (the branch of home); then q2 from two directions in the plane, q4 = 0, q5 = pi - q2 - q3
-    (mod 2 pi), q6 = q1.
+    law of cosines, ``K = (r^2 + w^2 - a_2^2 - a_3^2 - d_4^2) / (2 a_2) = a_3 cos q3 - d_4 sin q3``, of whose two roots
+    the one near pi is taken (the branch of home); then q2 from two directions in the plane, q4 = 0, q6 = q1, and
+    q5 = pi - q2 - q3 (mod 2 pi).
 
     Args:
         p: (..., 3) positions of the gripper [m].
