@@ -18,6 +18,8 @@ from ikgrad.data import Cube, SmoothPath
 from ikgrad.papers.denso import schemes
 from ikgrad.papers.denso.arm import (
     HOME,
+    HOME_DEG,
+    check_matrices,
     denso,
     dh_matrices,
     home_companions,
@@ -201,3 +203,17 @@ def test_scheme_b_over_ten_seeds_gives_the_printed_pair():
     assert median(feedback.mse) < 1e-7
     assert median(traditional.mse) / median(feedback.mse) >= 50
     assert feedback.regression.min() >= 0.9999
+
+
+def test_the_matrix_table_tells_right_from_wrong():
+    rows = check_matrices()
+    assert sum(row.difference < 1e-12 for row in rows) == 7
+    assert [row.difference for row in rows if row.name == "A_6"] == [0.0, pytest.approx(0.1)]
+
+
+def test_the_closed_form_takes_any_batch_and_has_gradients():
+    home = tool_down_ik(torch.tensor([0.21, 0.0, 0.24], dtype=torch.float64))
+    assert home.rad2deg().tolist() == pytest.approx(HOME_DEG, abs=1e-6)  # acos near its end of range
+    p = torch.tensor([[[0.2, 0.05, 0.25]], [[0.22, -0.03, 0.2]]], dtype=torch.float64).requires_grad_()
+    assert tool_down_ik(p).shape == (2, 1, 6)
+    assert torch.autograd.gradcheck(tool_down_ik, p)
