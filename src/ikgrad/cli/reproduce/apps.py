@@ -5,15 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ikgrad.cli.parsing import Commands, count, example
-from ikgrad.cli.reproduce.shared import (
-    add_options,
-    check_outputs,
-    output_folder,
-    print_report,
-    study_progress,
-    write_outputs,
-)
-from ikgrad.cli.terminal import print_json
+from ikgrad.cli.reproduce.shared import add_options, check_outputs, output_folder, present, study_progress
 
 FILES = ("apps_convergence.png", "apps_path.png", "apps_learning_rate.png", "apps_iterations.png", "apps.json")
 
@@ -40,17 +32,11 @@ def run(args: argparse.Namespace) -> int:
     with output_folder(args.out):
         outputs = check_outputs(args.out, FILES, force=args.force)
 
+        from ikgrad.papers.apps.figures import FIGURES
         from ikgrad.papers.apps.report import report
         from ikgrad.papers.apps.study import run_study
 
         with study_progress("apps", "parts") as show:
             study = run_study(config, progress=show)
-        if args.json:
-            print_json(study.to_json())
-        else:
-            print_report(report(study))
-        if outputs:
-            from ikgrad.papers.apps.figures import FIGURES
-
-            write_outputs(study, outputs, FIGURES)
+        present(study, report(study), outputs, FIGURES, as_json=args.json)
     return 0

@@ -6,16 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ikgrad.cli.parsing import Commands, count, example
-from ikgrad.cli.reproduce.shared import (
-    add_options,
-    check_outputs,
-    output_folder,
-    print_report,
-    stop_between_steps,
-    study_progress,
-    write_outputs,
-)
-from ikgrad.cli.terminal import print_json
+from ikgrad.cli.reproduce.shared import add_options, check_outputs, output_folder, present, study_progress
 
 if TYPE_CHECKING:
     from ikgrad.config import DensoConfig
@@ -44,24 +35,13 @@ def run(args: argparse.Namespace) -> int:
     config = _config(args)
     with output_folder(args.out):
         outputs = check_outputs(args.out, FILES, force=args.force)
+        from ikgrad.papers.denso.figures import FIGURES
         from ikgrad.papers.denso.report import report
         from ikgrad.papers.denso.study import run_study
 
-        with study_progress("denso", "epochs") as show, stop_between_steps() as stop_if_asked:
-
-            def progress(label: str, done: int, total: int) -> None:
-                show(label, done, total)
-                stop_if_asked()
-
-            study = run_study(config, progress=progress)
-        if args.json:
-            print_json(study.to_json())
-        else:
-            print_report(report(study))
-        if outputs:
-            from ikgrad.papers.denso.figures import FIGURES
-
-            write_outputs(study, outputs, FIGURES)
+        with study_progress("denso", "epochs", finish_step=True) as show:
+            study = run_study(config, progress=show)
+        present(study, report(study), outputs, FIGURES, as_json=args.json)
     return 0
 
 

@@ -10,16 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ikgrad.cli.parsing import Commands, count, example
-from ikgrad.cli.reproduce.shared import (
-    add_options,
-    check_outputs,
-    output_folder,
-    print_report,
-    stop_between_steps,
-    study_progress,
-    write_outputs,
-)
-from ikgrad.cli.terminal import Interrupted, print_json
+from ikgrad.cli.reproduce.shared import add_options, check_outputs, output_folder, present, study_progress
+from ikgrad.cli.terminal import Interrupted
 
 if TYPE_CHECKING:
     from ikgrad.config import PumaConfig
@@ -58,24 +50,13 @@ def run(args: argparse.Namespace) -> int:
     with output_folder(args.out):
         outputs = check_outputs(args.out, FILES, force=args.force)
         with _checkpoints(args) as checkpoints:
+            from ikgrad.papers.puma.figures import FIGURES
             from ikgrad.papers.puma.report import report
             from ikgrad.papers.puma.study import run_study
 
-            with study_progress("puma", "steps") as show, stop_between_steps() as stop_if_asked:
-
-                def progress(label: str, done: int, total: int) -> None:
-                    show(label, done, total)
-                    stop_if_asked()
-
-                study = run_study(config, races=args.races, checkpoints=checkpoints, progress=progress)
-            if args.json:
-                print_json(study.to_json())
-            else:
-                print_report(report(study))
-            if outputs:
-                from ikgrad.papers.puma.figures import FIGURES
-
-                write_outputs(study, outputs, FIGURES)
+            with study_progress("puma", "steps", finish_step=True) as show:
+                study = run_study(config, races=args.races, checkpoints=checkpoints, progress=show)
+            present(study, report(study), outputs, FIGURES, as_json=args.json)
     return 0
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ikgrad.cli.terminal import Progress, note, print_table
+from ikgrad.cli.terminal import Progress, note, print_json, print_table
 
 if TYPE_CHECKING:
     from ikgrad.papers.record import Table
@@ -26,6 +26,22 @@ def print_report(tables: Iterable[Table]) -> None:
     """All tables on stdout."""
     for table in tables:
         print_table(table.title, table.columns, table.rows, right=range(table.left, len(table.columns)))
+
+
+def present(
+    study: Any,
+    tables: Iterable[Table],
+    outputs: Mapping[str, Path],
+    figures: Mapping[str, Callable[[Any], Any]],
+    *,
+    as_json: bool,
+) -> None:
+    """A finished study on stdout, as tables or as one JSON document, and its files."""
+    if as_json:
+        print_json(study.to_json())
+    else:
+        print_report(tables)
+    write_outputs(study, outputs, figures)
 
 
 def check_outputs(folder: str | None, names: Iterable[str], *, force: bool) -> dict[str, Path]:
@@ -103,12 +119,20 @@ def stop_between_steps() -> Iterator[Callable[[], None]]:
 
 
 @contextlib.contextmanager
-def study_progress(paper: str, unit: str) -> Iterator[Any]:
-    """Progress of a study, as a function (label, done, total)."""
-    with Progress(f"reproduce {paper}", 0, unit) as progress:
+def study_progress(paper: str, unit: str, *, finish_step: bool = False) -> Iterator[Any]:
+    """Progress of a study, as a function (label, done, total).
+
+    Args:
+        paper: shown at the start.
+        unit: of ``done`` and ``total``.
+        finish_step: raise Ctrl-C from that function, between two steps of the work, and not in the middle of one.
+    """
+    stop = stop_between_steps() if finish_step else contextlib.nullcontext(lambda: None)
+    with Progress(f"reproduce {paper}", 0, unit) as progress, stop as stop_if_asked:
 
         def show(label: str, done: int, total: int) -> None:
             progress.what, progress.total = label, total
             progress.advance(done - progress.done)
+            stop_if_asked()
 
         yield show
