@@ -1,9 +1,11 @@
-"""Classical training rules as ordinary `torch.optim.Optimizer` classes: any `nn.Module`, groups, closures, schedulers.
+"""Training rules as ordinary `torch.optim.Optimizer` classes: any `nn.Module`, groups, closures, schedulers.
 
     optimizer = ik.optim.DeltaBarDelta(network.parameters(), lr=0.05)
 
-Conventions of the three: every weight is treated by itself, so nothing depends on the shape of a parameter, and S
-networks stacked along a leading dimension are trained as S independent ones (sum their losses, do not average them).
+`LevenbergMarquardt` takes a closure that returns residuals; see there. `Backprop`, `DeltaBarDelta` and `Quickprop` are
+the classical rules. Their conventions: every weight is treated by itself, so nothing depends on the shape of a
+parameter, and S networks stacked along a leading dimension are trained as S independent ones (sum their losses, do not
+average them).
 Whether a rule works per pattern, in random order or per batch is up to the data that the gradient was taken of; the
 paper's gradient is a *sum* over patterns. Equation numbers are those of Yildirim and Eski, "A OP Artificial Neural
 Network Inverse Kinematic Solution for Accurate Robot Path Control" (2006). g is dE/dw, dw a change of a weight.
