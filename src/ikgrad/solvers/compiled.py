@@ -17,6 +17,8 @@ from ikgrad.solvers.problem import Problem
 from ikgrad.solvers.question import ROTATION_TOLERANCE, Question, ask, check_mask
 from ikgrad.solvers.solution import IKSolution, Reason
 
+TABLE_STARTS = 8  # as many as a cell of the table holds
+
 
 def serves(solver: Solver, T: Tensor) -> TypeGuard[LevenbergMarquardt]:
     """True if the kernels can run this method on these tensors."""
@@ -122,5 +124,6 @@ def _settings(solver: LevenbergMarquardt) -> dict[str, Any]:
         max_step=solver.step_limit,
         max_starts=solver.max_starts,
         max_steps=solver.steps_per_start,
+        guesses=TABLE_STARTS if solver.table else 0,
         threads=torch.get_num_threads(),
     )

@@ -38,6 +38,7 @@ class LevenbergMarquardt:
         step_limit: largest change of a joint in one step [rad, or units of L for slides].
         max_starts: starts tried for a row before it fails.
         steps_per_start: evaluations allowed for one start.
+        table: take starts from the table before random ones; False, to see what it is worth. Kernels only.
         compiled: use the kernels for CPU tensors.
 
     Raises:
@@ -55,6 +56,7 @@ class LevenbergMarquardt:
     step_limit: float = 0.8
     max_starts: int = 300
     steps_per_start: int = 60
+    table: bool = True
     compiled: bool = True
 
     restarts = True

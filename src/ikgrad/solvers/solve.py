@@ -20,6 +20,7 @@ from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.loop import run
 from ikgrad.solvers.question import Question, ask, check, check_mask
 from ikgrad.solvers.secondary import Residual, solve_with_residual
+from ikgrad.solvers.seeding import Seeder, seeds
 from ikgrad.solvers.solution import IKSolution, Reason
 from ikgrad.solvers.variety import distinct_solutions
 
@@ -38,6 +39,7 @@ def solve_ik(
     limits: bool = True,
     mask: Tensor | Sequence[float] | None = None,
     seed: int = 0,
+    seeder: Seeder | None = None,
     extra_residual: Residual | None = None,
 ) -> IKSolution:
     """Joint values that bring the tip to a pose, for any batch of poses.
@@ -64,6 +66,8 @@ def solve_ik(
         mask: six zeros or ones [x, y, z, rx, ry, rz]: which errors count, along the axes of the *target's own* frame.
             (1, 1, 1, 0, 0, 0) is position only; (1, 1, 1, 1, 1, 0) leaves the turn about the tool's z free.
         seed: of the random starts; a row's starts depend on its own content and on this alone.
+        seeder: where to start instead of ``q0``: a function of poses (..., 4, 4) that returns joints (..., n), or
+            (..., k, n) of which the nearest is taken; an `ik.Inverter` is one. See `ikgrad.solvers.seeding`.
         extra_residual: a second wish, a function (..., n) -> (..., m) of the joints, differentiable by autograd and
             each row for itself: among the joints that meet the pose, take those with the smallest residual. The pose
             keeps its priority and ``success`` its meaning; see `ikgrad.solvers.secondary`. Made for residuals that
@@ -76,7 +80,8 @@ def solve_ik(
 
     Raises:
         ShapeError: shapes or dtypes do not fit.
-        ConfigError: a tolerance, the mask or ``solutions`` makes no sense.
+        ConfigError: a tolerance, the mask or ``solutions`` makes no sense, or there are both ``q0`` and ``seeder``.
+        RobotError: ``seeder`` is for another robot.
 
     Example:
         >>> import ikgrad as ik
@@ -90,6 +95,10 @@ def solve_ik(
     if solutions < 1:
         raise ConfigError(f"solutions must be at least 1, got {solutions}")
     solver = _DEFAULT if solver is None else solver
+    if seeder is not None:
+        if q0 is not None:
+            raise ConfigError("give q0 or a seeder, not both: each says where to start")
+        q0 = seeds(robot, T_target, seeder)
     if extra_residual is not None and solutions > 1:
         raise ConfigError("extra_residual chooses one solution a row; leave solutions at 1")
     fast = solutions == 1 and extra_residual is None and T_target.dtype == torch.float64
