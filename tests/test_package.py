@@ -21,7 +21,7 @@ LAYERS = [
     {"kinematics", "engine"},
     {"solvers", "collision", "data", "files"},
     {"networks"},
-    {"training"},
+    {"training", "export"},
     {"papers", "plots", "bench"},
     {"cli"},
 ]

@@ -44,6 +44,7 @@ _HOME = {
     "sphere_link_distance": "collision.distance",
     "Inverter": "networks.inverter",
     "load_inverter": "networks.storage",
+    "export_inverter": "export.files",
 }
 
 _MODULES = ("collision", "data", "optim")  # modules of their own, so that ik.optim reads like torch.optim

@@ -1,0 +1,192 @@
+"""Exported inverters: the same numbers in other programs, and all that their users must know inside."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+
+import ikgrad as ik
+from ikgrad.export import Refined, export_inverter, read_metadata
+from ikgrad.export.refined import solve_spd
+
+
+def make(name: str = "arm4", *, feedback: bool = False, dtype: torch.dtype = torch.float32) -> ik.Inverter:
+    robot = ik.load_robot(name)
+    q = ik.sample_configurations(robot, 200, seed=0)
+    T = ik.forward_kinematics(robot, q)
+    inverter = ik.Inverter(robot, feedback=feedback, hidden=(16,), encoding="quaternion", dtype=dtype)
+    current = (q.to(dtype),) if feedback else ()
+    return inverter.fit(T.to(dtype), q.to(dtype), *current)
+
+
+def near(robot: ik.Robot, count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Joints, their poses, and joints beside."""
+    q = ik.sample_configurations(robot, count, seed=3)
+    generator = torch.Generator().manual_seed(1)
+    beside = q + 0.05 * torch.randn(q.shape, generator=generator, dtype=torch.float64)
+    return q, ik.forward_kinematics(robot, q), beside.clamp(robot.q_min, robot.q_max)
+
+
+class Copy(torch.nn.Module):
+    """Answers with the present joints."""
+
+    def __init__(self, robot: ik.Robot, dtype: torch.dtype = torch.float64):
+        super().__init__()
+        self.robot, self.feedback, self.dtype = robot, True, dtype
+
+    def forward(self, T: torch.Tensor, q_current: torch.Tensor) -> torch.Tensor:
+        return q_current + 0.0
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    inverter = make()
+    return inverter, export_inverter(inverter, tmp_path_factory.mktemp("plain") / "arm.onnx")
+
+
+@pytest.fixture(scope="module")
+def refined(tmp_path_factory):
+    robot = ik.load_robot("ur5e")
+    copy = Copy(robot, torch.float32)
+    return robot, export_inverter(copy, tmp_path_factory.mktemp("refined") / "ur5e.onnx", steps=2)
+
+
+def run(path, *arguments: torch.Tensor) -> list[np.ndarray]:
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    return session.run(None, {node.name: x.numpy() for node, x in zip(session.get_inputs(), arguments, strict=True)})
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 777])
+def test_onnx_is_torch_for_any_batch(plain, count):
+    inverter, done = plain
+    _, T, _ = near(inverter.robot, count)
+    (q,) = run(done.path, T.float())
+    with torch.no_grad():
+        np.testing.assert_allclose(q, inverter(T.float()).numpy(), rtol=0, atol=5e-6)
+    assert done.difference is not None
+    assert done.difference < 5e-6
+
+
+def test_the_damped_steps_inside_reach_the_pose_and_measure_it(refined):
+    robot, done = refined
+    _, T, beside = near(robot, 500)
+    q, position, rotation = run(done.path, T.float(), beside.float())
+    reached = ik.forward_kinematics(robot, torch.from_numpy(q).double())
+    e = ik.pose_error(reached, T.float().double())
+    assert np.median(position) < 1e-5
+    # the answer is rounded to float32 after it was measured
+    np.testing.assert_allclose(position, e[:, :3].norm(dim=1), rtol=1e-3, atol=2e-6)
+    np.testing.assert_allclose(rotation, e[:, 3:].norm(dim=1), rtol=1e-3, atol=2e-6)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e", "arm4", "kr210"])
+def test_refined_steps_are_the_solvers(name):
+    robot = ik.load_robot(name)
+    _, T, beside = near(robot, 300)
+    q, position, rotation = Refined(Copy(robot), steps=3)(T, beside)
+    before = ik.pose_error(ik.forward_kinematics(robot, beside), T).norm(dim=1)
+    after = ik.pose_error(ik.forward_kinematics(robot, q), T)
+    torch.testing.assert_close(position, after[:, :3].norm(dim=1), rtol=1e-6, atol=1e-12)
+    torch.testing.assert_close(rotation, after[:, 3:].norm(dim=1), rtol=1e-6, atol=1e-7)
+    assert ((q >= robot.q_min) & (q <= robot.q_max)).all()
+    assert after.norm(dim=1).median() < 1e-6 * before.median()
+    judge = ik.solve_ik(robot, T, q0=beside, tol_pos=1e-3, tol_rot=1e-2)
+    assert (judge.steps[after.norm(dim=1) < 1e-4] <= 3).double().mean() > 0.95
+
+
+def test_half_a_turn_is_measured_as_such():
+    robot = ik.load_robot("ur5e")
+    q, T, _ = near(robot, 40)
+    for turn in (torch.pi, torch.pi - 1e-5, 2.0, 1e-3):
+        goal = T.clone()
+        c, s = np.cos(turn), np.sin(turn)
+        goal[:, :3, :3] = T[:, :3, :3] @ torch.tensor([[c, -s, 0], [s, c, 0], [0, 0, 1]], dtype=torch.float64)
+        _, _, rotation = Refined(Copy(robot), steps=0)(goal, q)
+        torch.testing.assert_close(rotation, torch.full_like(rotation, turn), rtol=1e-6, atol=1e-6)
+
+
+def test_solve_spd_solves():
+    generator = torch.Generator().manual_seed(0)
+    J = torch.randn(50, 6, 7, generator=generator, dtype=torch.float64)
+    A, b = J @ J.mT + 1e-6 * torch.eye(6), torch.randn(50, 6, generator=generator, dtype=torch.float64)
+    torch.testing.assert_close(A @ solve_spd(A, b)[..., None], b[..., None], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("steps", [None, 1])
+def test_a_pt2_file_is_torch(tmp_path, steps):
+    inverter = make(feedback=True, dtype=torch.float64)
+    done = export_inverter(inverter, tmp_path / "arm.pt2", steps=steps)
+    assert done.difference is not None
+    assert done.difference < 1e-12
+    assert read_metadata(done.path) == json.loads(json.dumps(done.metadata))
+
+
+def test_the_file_says_what_its_user_must_know(plain):
+    inverter, done = plain
+    metadata = read_metadata(done.path)
+    robot = inverter.robot
+    assert metadata["robot"] == {
+        "name": "arm4",
+        "fingerprint": robot.fingerprint,
+        "joint_names": list(robot.joint_names),
+        "joint_units": ["rad"] * 4,
+        "base": robot.base,
+        "tip": robot.tip,
+    }
+    assert metadata["inputs"]["T"].endswith("row-major homogeneous matrices [m]")
+    assert "3 x 3 matrices" in metadata["quaternions"]
+    onnx.checker.check_model(done.path)
+    assert [node.name for node in onnx.load(done.path).graph.output] == ["q"]
+
+
+def test_nothing_is_overwritten(plain):
+    inverter, done = plain
+    before = done.path.read_bytes()
+    with pytest.raises(ik.DataError, match=r"arm\.onnx: exists already"):
+        export_inverter(inverter, done.path)
+    assert done.path.read_bytes() == before
+    assert list(done.path.parent.iterdir()) == [done.path]
+
+
+def test_a_graph_that_differs_is_not_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr("ikgrad.export.files._difference", lambda *_: 0.5)
+    with pytest.raises(ik.DataError, match=r"the exported graph differs from torch by 0\.5; it was not kept"):
+        export_inverter(make(), tmp_path / "arm.pt2")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "error", "text"),
+    [
+        ("arm.pt", None, ik.DataError, r"unknown kind of file '\.pt' \(known: \.onnx, \.pt2\)"),
+        ("none/arm.onnx", None, ik.DataError, r"the folder .* does not exist; create it first"),
+        ("arm.onnx", -1, ik.ConfigError, "steps must not be negative, got -1"),
+    ],
+)
+def test_mistakes(tmp_path, name, steps, error, text):
+    with pytest.raises(error, match=text):
+        export_inverter(make(), tmp_path / name, steps=steps)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("package", ["onnx", "onnxscript"])
+def test_a_missing_package_is_named_with_the_extra(tmp_path, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ik.ConfigError, match=rf"ONNX files need {package}; pip install 'ikgrad\[export\]'"):
+        export_inverter(make(), tmp_path / "arm.onnx")
+
+
+@pytest.mark.parametrize("name", ["a.onnx", "a.pt2"])
+def test_files_of_others_are_refused(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(b"not a graph")
+    with pytest.raises(ik.DataError, match=f"{name}: (cannot be read|has no metadata)"):
+        read_metadata(path)
+    with pytest.raises(ik.DataError, match="cannot be read"):
+        read_metadata(tmp_path / f"none.{name[2:]}")
