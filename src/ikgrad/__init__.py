@@ -45,6 +45,7 @@ _HOME = {
     "Inverter": "networks.inverter",
     "load_inverter": "networks.storage",
     "export_inverter": "export.files",
+    "train": "training.train",
 }
 
 _MODULES = ("collision", "data", "optim")  # modules of their own, so that ik.optim reads like torch.optim

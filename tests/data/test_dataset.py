@@ -94,8 +94,8 @@ def rewrite(path: Path, change: Callable[[dict, dict], object], *, checksum: boo
         (lambda about, t: about.pop("recipe"), "lacks recipe; generate the data anew"),
         (lambda about, t: about.update(format="x"), "holds no data of this version of ikgrad"),
         (lambda about, t: about["recipe"].update(scheme="cub"), "unknown sampling scheme 'cub'; did you mean 'cube'"),
-        (lambda about, t: about["recipe"].update(radius=1), "scheme 'smooth_path' has no key 'radius'"),
-        (lambda about, t: about["recipe"].update(count="many"), "a value is of the wrong type"),
+        (lambda about, t: about["recipe"].update(radius=1), "scheme 'smooth_path': unknown key 'radius'"),
+        (lambda about, t: about["recipe"].update(count="many"), "key 'count' must be of type int, got 'many'"),
     ],
 )
 def test_files_that_cannot_be_used_are_refused(path: Path, change: Callable[[dict, dict], object], message: str):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ikgrad.config.loading import check_values
 from ikgrad.data.schemes import SCHEMES, Samples, Scheme
 from ikgrad.errors import ConfigError, DataError, RobotError, UnknownNameError
 from ikgrad.files.places import check_output, in_one_move
@@ -187,17 +188,7 @@ def scheme_from_recipe(recipe: Mapping[str, Any]) -> Scheme:
     name = str(values.pop("scheme", ""))
     if name not in SCHEMES:
         raise UnknownNameError("sampling scheme", name, SCHEMES)
-    known = [field.name for field in fields(SCHEMES[name])]
-    for key in values:
-        if key not in known:
-            raise ConfigError(f"scheme '{name}' has no key '{key}' (known: {', '.join(known)})")
-    settings: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
-    }
-    try:
-        return SCHEMES[name](**settings)
-    except TypeError as error:
-        raise ConfigError(f"scheme '{name}': a value is of the wrong type: {error}") from error
+    return SCHEMES[name](**check_values(SCHEMES[name], values, where=f"scheme '{name}'"))
 
 
 def _checksum(tensors: Mapping[str, Tensor]) -> str:

@@ -76,12 +76,7 @@ class PartialRun:
             assert isinstance(before, dict)
         except (ValueError, OSError, AssertionError) as error:
             raise DataError(f"{path}: cannot be read, so the run cannot go on; --force starts anew") from error
-        now = json.loads(json.dumps(dict(manifest)))
-        differs = [
-            f"{name} was {_show(before.get(name))}, is {_show(now.get(name))}"
-            for name in sorted({*before, *now})
-            if before.get(name) != now.get(name)
-        ]
+        differs = differences(before, manifest)
         if differs:
             raise DataError(
                 f"{self.folder}: cannot go on with other settings: {'; '.join(differs)}; --force starts anew"
@@ -125,6 +120,22 @@ class PartialRun:
             self.folder.rmdir()
         except OSError as error:
             raise DataError(f"{self.folder}: cannot be removed: {error.strerror}") from error
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What changed between two manifests, in words; tuples are as good as lists.
+
+    Example:
+        >>> differences({"seed": 1, "q": [2]}, {"seed": 3, "q": (2,)})
+        ['seed was 1, is 3']
+    """
+    then, now = json.loads(json.dumps(dict(before))), json.loads(json.dumps(dict(now)))
+    names = sorted({*then, *now})
+    return [
+        f"{name} was {_show(then.get(name))}, is {_show(now.get(name))}"
+        for name in names
+        if then.get(name) != now.get(name)
+    ]
 
 
 def _show(value: Any) -> str:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from typing import Any, NamedTuple
 
-import torch
+from ikgrad.training.threads import one_thread
 
 Cells = tuple[str, ...]
 
@@ -68,17 +66,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     return [plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """One torch thread for a while: with tensors this small, threads wait for each other, up to ten times as long."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 __all__ = ["Cells", "Check", "Erratum", "Table", "checks_table", "misprints_table", "one_thread", "plain"]

@@ -13,8 +13,8 @@ from ikgrad.networks import MLP, Inverter
 from ikgrad.optim import LevenbergMarquardt
 from ikgrad.training.batches import Batches
 from ikgrad.training.loop import Training
-
-MakeOptimizer = Callable[[Sequence[nn.Parameter], int], torch.optim.Optimizer]
+from ikgrad.training.losses import Loss, joint
+from ikgrad.training.optimizers import MakeOptimizer
 
 
 def levenberg_marquardt(parameters: Sequence[nn.Parameter], members: int) -> torch.optim.Optimizer:
@@ -25,14 +25,14 @@ def levenberg_marquardt(parameters: Sequence[nn.Parameter], members: int) -> tor
 class InverterTraining:
     r"""Inverters that learn side by side; every one takes its scaling from its own training data.
 
-    The networks are stacked, see `MLP`, and trained on scaled features. The residuals are in joint units,
-    ``r = q - d``, so that mean squared errors, in the history too, are in rad^2 for an arm with turning joints.
-    Validation rows decide on the best weights and, with ``patience``, on the end. The inverters have the trained
-    weights after `finish`.
+    The networks are stacked, see `MLP`, and trained on scaled features. Residuals, and so the mean squared errors in
+    the history, are in the units of ``loss``: joint units, rad^2 for an arm with turning joints. Validation rows decide
+    on the best weights and, with ``patience``, on the end. The inverters have the trained weights after `finish`.
 
     Args:
         inverters: of the same sizes and activations; their first weights are where the training starts.
         data: one data set each, with the same numbers of rows.
+        loss: what to make small, see `ikgrad.training.losses`.
         optimizer: (parameters, S) -> optimizer; default: Levenberg-Marquardt with members.
         batch_size: rows a step; None: all, which Levenberg-Marquardt needs.
         shuffle: seeds of new orders every epoch, one each; None: fixed order.
@@ -58,6 +58,7 @@ class InverterTraining:
         inverters: Sequence[Inverter],
         data: Sequence[DataSet],
         *,
+        loss: Loss = joint,
         optimizer: MakeOptimizer = levenberg_marquardt,
         batch_size: int | None = None,
         shuffle: Sequence[int] | None = None,
@@ -69,18 +70,13 @@ class InverterTraining:
         for inverter, dataset in zip(inverters, data, strict=True):
             inverter.fit(*arguments(inverter, dataset.train))
         self.stack = _stack([inverter.network for inverter in inverters])
-        half = torch.stack([inverter.output_scale.span for inverter in inverters])[:, None] / 2.0  # (S, 1, n)
-
-        def joint_error(network: nn.Module, x: Tensor, y: Tensor) -> Tensor:
-            return half * (network(x) - y)
-
         train = self._batches([d.train for d in data], batch_size=batch_size, shuffle=shuffle)
         has_validation = all(len(d.validation.q) for d in data)
         self.training = Training(
             self.stack,
             optimizer(list(self.stack.parameters()), len(inverters)),
             train,
-            objective=joint_error,
+            objective=loss(self.inverters),
             reduction="mean",
             validation=self._batches([d.validation for d in data]) if has_validation else None,
             patience=patience,
@@ -120,8 +116,8 @@ class InverterTraining:
 
 
 def arguments(inverter: Inverter, rows: Samples) -> tuple[Tensor, Tensor, Tensor | None]:
-    """T, q and, for a feedback inverter, the present joints, in the inverter's dtype."""
-    T, q, q_current = (part.to(inverter.dtype) for part in rows)
+    """T, q and, for a feedback inverter, the present joints, in the inverter's dtype and on its device."""
+    T, q, q_current = (part.to(inverter.reference) for part in rows)
     return T, q, q_current if inverter.feedback else None
 
 
@@ -141,7 +137,7 @@ def answers(inverter: Inverter, rows: Samples) -> Tensor:
 
 def mean_squared_error(inverter: Inverter, rows: Samples) -> Tensor:
     """Mean over rows and joints of ``(q - d)^2`` [rad^2 or m^2], present joints given."""
-    return (answers(inverter, rows) - rows.q.to(inverter.dtype)).square().mean()
+    return (answers(inverter, rows) - rows.q.to(inverter.reference)).square().mean()
 
 
 def _stack(networks: Sequence[MLP]) -> MLP:
@@ -157,7 +153,7 @@ def _stack(networks: Sequence[MLP]) -> MLP:
         members=len(networks),
         seeds=range(len(networks)),
         dtype=networks[0].weights[0].dtype,
-    )
+    ).to(networks[0].weights[0].device)
     with torch.no_grad():
         for ours, *theirs in zip(stack.parameters(), *(net.parameters() for net in networks), strict=True):
             ours.copy_(torch.stack(list(theirs)))

@@ -1,0 +1,108 @@
+"""How much memory a training will take, asked before anything is allocated."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from ikgrad.errors import ConfigError
+
+_COPIES = 6  # of the weights: weights, gradient, best, the inverters' own, two of the optimizer
+_MATRICES = 3  # of Levenberg-Marquardt: J^T J, its factor, and what a product needs
+_PIECE = 16_000_000 * 8  # bytes of a piece of J, see `ikgrad.optim.layer_blocks`
+_PASSES = 4  # of the activations: forward, backward, and what autograd keeps
+GIB = 2**30
+
+
+def check_memory(
+    sizes: Sequence[int],
+    *,
+    rows: int,
+    batch_size: int | None,
+    members: int,
+    item: int,
+    optimizer: str,
+    available: int | None,
+) -> dict[str, int]:
+    """Refuse a training that cannot fit.
+
+    Args:
+        sizes: units of each layer, inputs first.
+        rows: of a data set.
+        batch_size: rows a step; None: all.
+        members: networks that learn side by side, each on rows of its own.
+        item: bytes of a number.
+        optimizer: its name.
+        available: bytes; None: unknown, nothing is refused.
+
+    Returns:
+        What is taken by what [bytes].
+
+    Raises:
+        ConfigError: more than is available; the message names the largest part, the estimate and the memory there is.
+
+    Example:
+        >>> need = check_memory((6, 10, 6), rows=4000, batch_size=None, members=1, item=8,
+        ...                     optimizer="levenberg_marquardt", available=None)
+        >>> need["J^T J of 136 weights"]
+        443904
+    """
+    weights = sum((a + 1) * b for a, b in pairwise(sizes))
+    batch = min(batch_size or rows, rows)
+    need = {
+        f"{weights:,} weights": _COPIES * weights * members * item,
+        f"{rows:,} rows of data": rows * members * 4 * 8 * (16 + sizes[0] + sizes[-1]),
+        f"a batch of {batch:,} rows": _PASSES * batch * sum(sizes) * members * item,
+    }
+    if optimizer == "levenberg_marquardt":
+        piece = min(_PIECE, batch * sizes[-1] * weights * members * item)
+        need[f"J^T J of {weights:,} weights"] = _MATRICES * weights**2 * members * item + piece
+    total = sum(need.values())
+    if available is not None and total > available:
+        largest = max(need, key=lambda part: need[part])
+        advice = "fewer hidden units" if "weights" in largest else "fewer rows"
+        advice += ", or another optimizer such as Adam" if largest.startswith("J^T J") else ""
+        network = "-".join(map(str, sizes)) + (f", {members} members" if members > 1 else "")
+        raise ConfigError(
+            f"the training of {network} needs about {_size(total)}, most of it for {largest}, but there are "
+            f"{_size(available)} of memory; try {advice}"
+        )
+    return need
+
+
+def available_memory(device: str = "cpu") -> int | None:
+    """Bytes that can still be allocated, limits of the container included; None where the system does not say."""
+    if device != "cpu":
+        import torch
+
+        return torch.cuda.mem_get_info(torch.device(device))[0]
+    limits = [_free(), _container("memory.max", "memory.current")]
+    return min((limit for limit in limits if limit is not None), default=None)
+
+
+def _free() -> int | None:
+    try:
+        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        return int(lines["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):
+        pass
+    try:  # macOS and others: what is installed
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _container(limit: str, used: str, folder: Path = Path("/sys/fs/cgroup")) -> int | None:
+    try:
+        return int((folder / limit).read_text()) - int((folder / used).read_text())
+    except (OSError, ValueError):  # no such file; or "max"
+        return None
+
+
+def _size(count: int) -> str:
+    return f"{count / GIB:,.1f} GiB" if count >= GIB / 10 else f"{count / 2**20:,.1f} MiB"
+
+
+__all__ = ["available_memory", "check_memory"]
