@@ -31,3 +31,15 @@ def builtin_file(kind: str, name: str) -> Path:
             return path
     what = {"urdf": "robot", "configs": "configuration"}[kind]
     raise UnknownNameError(what, name, builtin_names(kind))
+
+
+def find_config(name: str) -> Path:
+    """A configuration file: an existing path, or a built-in name such as ``denso_feedback``.
+
+    A path that does not exist is returned as it is, for the reader to refuse.
+
+    Raises:
+        UnknownNameError: a bare name that is not built in.
+    """
+    path = Path(name)
+    return path if path.exists() or path.suffix or len(path.parts) > 1 else builtin_file("configs", name)

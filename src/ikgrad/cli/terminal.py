@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -17,6 +19,28 @@ INTERVAL = 5.0  # seconds between lines where there is no terminal
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C, with a sentence about what became of the work."""
+
+
+@contextlib.contextmanager
+def stop_between_steps() -> Iterator[Callable[[], None]]:
+    """Ctrl-C waits for the next call of the function that is yielded; a second one does not wait."""
+    pressed = False
+
+    def remember(*_: object) -> None:
+        nonlocal pressed
+        pressed = True
+        signal.signal(signal.SIGINT, before)
+
+    def check() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, remember)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def print_table(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import inspect
+import re
 from argparse import ArgumentError
 from collections.abc import Mapping
 from pathlib import Path
@@ -115,6 +117,13 @@ def parse_value(text: str, *, where: str) -> Any:
         raise ConfigError(f"{where}: not a YAML value: {' '.join(str(error).split())}") from error
 
 
+def describe_keys(cls: type) -> dict[str, str]:
+    """What the docstring says about every key, under "Attributes:", for the help of a command."""
+    text = inspect.cleandoc(cls.__doc__ or "").split("Attributes:\n")[-1]
+    entries = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", text, flags=re.MULTILINE)
+    return {key: " ".join(words.split()) for key, words in entries}
+
+
 def _read_mapping(path: Path) -> dict[str, Any]:
     from jsonargparse import get_loader
     from yaml import YAMLError
@@ -139,4 +148,13 @@ def require(ok: bool, key: str, rule: str, value: object) -> None:
         raise ConfigError(f"{key} {rule}, got {value}")
 
 
-__all__ = ["check_values", "load_config", "make_config", "parse_value", "read_values", "require", "unknown_key"]
+__all__ = [
+    "check_values",
+    "describe_keys",
+    "load_config",
+    "make_config",
+    "parse_value",
+    "read_values",
+    "require",
+    "unknown_key",
+]

@@ -47,7 +47,7 @@ def check_memory(
         >>> need = check_memory((6, 10, 6), rows=4000, batch_size=None, members=1, item=8,
         ...                     optimizer="levenberg_marquardt", available=None)
         >>> need["J^T J of 136 weights"]
-        443904
+        18382784
     """
     weights = sum((a + 1) * b for a, b in pairwise(sizes))
     batch = min(batch_size or rows, rows)

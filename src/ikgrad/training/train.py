@@ -49,8 +49,8 @@ def train(
 
     Example:
         >>> import ikgrad as ik
-        >>> result = ik.train(robot="ur5e", data={"scheme": "joint_box", "count": 300}, epochs=20)
-        >>> result.test_errors[0].joint_mse < 1e-3
+        >>> result = ik.train(robot="panda", data={"scheme": "joint_box", "count": 300}, epochs=20)
+        >>> result.test_errors[0].joint_mse < 1e-2
         True
     """
     settings, robot, data = _resolve(config, options)

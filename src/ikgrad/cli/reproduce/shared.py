@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ikgrad.cli.terminal import Progress, note, print_json, print_table
+from ikgrad.cli.terminal import Progress, note, print_json, print_table, stop_between_steps
 
 if TYPE_CHECKING:
     from ikgrad.papers.record import Table
@@ -92,30 +92,6 @@ def output_folder(name: str | None) -> Iterator[None]:
             with contextlib.suppress(OSError):  # not empty: some files were written
                 folder.rmdir()
         raise
-
-
-@contextlib.contextmanager
-def stop_between_steps() -> Iterator[Callable[[], None]]:
-    """Ctrl-C waits for the next call of the function that is yielded; a second one does not wait."""
-    import signal
-
-    pressed = False
-
-    def remember(*_: object) -> None:
-        nonlocal pressed
-        pressed = True
-        signal.signal(signal.SIGINT, before)
-
-    def check() -> None:
-        if pressed:
-            raise KeyboardInterrupt
-
-    before = signal.getsignal(signal.SIGINT)
-    signal.signal(signal.SIGINT, remember)
-    try:
-        yield check
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager
