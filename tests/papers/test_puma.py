@@ -152,7 +152,7 @@ def test_other_networks_by_configuration():
 
 @pytest.mark.parametrize("name", ["OBPR", "DBD", "QP"])
 def test_a_stack_goes_on_from_its_checkpoint_to_the_same_bits(name: str, tmp_path, monkeypatch):
-    monkeypatch.setattr("ikgrad.papers.puma.training.CHECKPOINT_EVERY", 0.0)
+    monkeypatch.setattr("ikgrad.papers.resume.CHECKPOINT_EVERY", 0.0)
     rule = next(rule for rule in paper_rules() if rule.name == name)
     whole = Stack([rule], 2)
     whole.run(60)

@@ -1,12 +1,8 @@
-"""``ikgrad reproduce puma``: what it prints, writes and refuses, and how it goes on after a kill."""
+"""``ikgrad reproduce puma``: what it prints, writes and refuses."""
 
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -67,58 +63,3 @@ def test_mistakes_get_one_line(options, message, tmp_path: Path, capsys: pytest.
     err = capsys.readouterr().err
     assert message in err
     assert len(err.strip().splitlines()) == 1
-
-
-RUN = """
-import sys
-from ikgrad.cli.main import main
-from ikgrad.papers.puma import training
-training.CHECKPOINT_EVERY = 0.3
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def start(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", RUN, "reproduce", "puma", "--seeds", "2", *arguments]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    _, err = process.communicate(timeout=200)
-    return process.returncode, err
-
-
-def wait_for(folder: Path, process: subprocess.Popen[str]) -> None:
-    end = time.monotonic() + 100
-    while not list(folder.glob("*.ckpt")):
-        assert process.poll() is None, finish(process)
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def numbers(folder: Path) -> list[list[float]]:
-    return [case["rms_deg"] for case in json.loads((folder / "puma.json").read_text())["cases"]]
-
-
-@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT])
-def test_a_run_that_was_cut_off_goes_on_to_the_same_numbers(stop: signal.Signals, tmp_path: Path):
-    epochs = ("--epochs", "3000")
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    assert finish(start(*epochs, "--out", str(whole)))[0] == 0
-    process = start(*epochs, "--out", str(cut))
-    wait_for(cut / "puma_checkpoints", process)
-    process.send_signal(stop)
-    status, err = finish(process)
-    assert status == (130 if stop == signal.SIGINT else -signal.SIGKILL)
-    assert stop == signal.SIGKILL or "the same command with --resume goes on" in err
-    assert not (cut / "puma.json").exists()
-
-    status, err = finish(start(*epochs, "--out", str(cut)))
-    assert status == 2
-    assert "a run was cut off here; --resume goes on with it, --force starts anew" in err
-    status, err = finish(start("--epochs", "3001", "--out", str(cut), "--resume"))
-    assert status == 2
-    assert "is of a run with epochs 3000, not 3001" in err
-    assert finish(start(*epochs, "--out", str(cut), "--resume"))[0] == 0
-    assert numbers(cut) == numbers(whole)
-    assert {path.name for path in cut.iterdir()} == NAMES

@@ -6,7 +6,15 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ikgrad.cli.parsing import Commands, count, example
-from ikgrad.cli.reproduce.shared import add_options, check_outputs, output_folder, present, study_progress
+from ikgrad.cli.reproduce.shared import (
+    add_options,
+    add_resume,
+    check_outputs,
+    checkpoint_folder,
+    output_folder,
+    present,
+    study_progress,
+)
 
 if TYPE_CHECKING:
     from ikgrad.config import DensoConfig
@@ -27,6 +35,7 @@ def add(papers: Commands) -> None:
         "--seeds", type=count, metavar="N", help="networks of each kind on schemes B and D (default 10)"
     )
     parser.add_argument("--epochs", type=count, metavar="N", help="epochs on schemes A, C and D (default 300)")
+    add_resume(parser)
     parser.set_defaults(run=run)
 
 
@@ -35,13 +44,14 @@ def run(args: argparse.Namespace) -> int:
     config = _config(args)
     with output_folder(args.out):
         outputs = check_outputs(args.out, FILES, force=args.force)
-        from ikgrad.papers.denso.figures import FIGURES
-        from ikgrad.papers.denso.report import report
-        from ikgrad.papers.denso.study import run_study
+        with checkpoint_folder(args) as checkpoints:
+            from ikgrad.papers.denso.figures import FIGURES
+            from ikgrad.papers.denso.report import report
+            from ikgrad.papers.denso.study import run_study
 
-        with study_progress("denso", "epochs", finish_step=True) as show:
-            study = run_study(config, progress=show)
-        present(study, report(study), outputs, FIGURES, as_json=args.json)
+            with study_progress("denso", "epochs", finish_step=True) as show:
+                study = run_study(config, checkpoints=checkpoints, progress=show)
+            present(study, report(study), outputs, FIGURES, as_json=args.json)
     return 0
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ikgrad.cli.terminal import Progress, note, print_json, print_table, stop_between_steps
+from ikgrad.cli.terminal import Interrupted, Progress, note, print_json, print_table, stop_between_steps
 
 if TYPE_CHECKING:
     from ikgrad.papers.record import Table
@@ -20,6 +21,11 @@ def add_options(parser: argparse.ArgumentParser, paper: str) -> None:
     parser.add_argument("--json", action="store_true", help="print the same numbers as one JSON document")
     parser.add_argument("--out", metavar="DIR", help=f"folder for the figures and {paper}.json; made if it is missing")
     parser.add_argument("--force", action="store_true", help="overwrite existing files in DIR")
+
+
+def add_resume(parser: argparse.ArgumentParser) -> None:
+    """The option of papers whose trainings leave checkpoints, see `checkpoint_folder`."""
+    parser.add_argument("--resume", action="store_true", help="go on with the run that was cut off in DIR")
 
 
 def print_report(tables: Iterable[Table]) -> None:
@@ -92,6 +98,40 @@ def output_folder(name: str | None) -> Iterator[None]:
             with contextlib.suppress(OSError):  # not empty: some files were written
                 folder.rmdir()
         raise
+
+
+@contextlib.contextmanager
+def checkpoint_folder(args: argparse.Namespace) -> Iterator[Path | None]:
+    """The folder of a paper's checkpoints, gone when the study is done, kept when it is cut off; None without --out.
+
+    Raises:
+        ConfigError: --resume without --out.
+        DataError: a run was cut off here, and neither --resume nor --force says what to do with it.
+    """
+    from ikgrad.errors import ConfigError, DataError
+
+    if args.out is None:
+        if args.resume:
+            raise ConfigError("--resume needs --out DIR, the folder of the run that was cut off")
+        yield None
+        return
+    folder = Path(args.out) / f"{args.paper}_checkpoints"
+    if folder.exists() and not args.resume:
+        if not args.force:
+            raise DataError(f"{folder}: a run was cut off here; --resume goes on with it, --force starts anew")
+        shutil.rmtree(folder)
+    folder.mkdir(exist_ok=True)
+    try:
+        yield folder
+    except BaseException as error:
+        with contextlib.suppress(OSError):  # not empty: there is something to go on with
+            folder.rmdir()
+        if isinstance(error, KeyboardInterrupt) and folder.exists():
+            raise Interrupted(
+                f"interrupted; the same command with --resume goes on (checkpoints in {folder})"
+            ) from error
+        raise
+    shutil.rmtree(folder)
 
 
 @contextlib.contextmanager

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import time
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,6 +16,7 @@ from ikgrad.data import DataSet, Samples, Scheme, generate
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.networks import Inverter
 from ikgrad.papers.denso.arm import denso
+from ikgrad.papers.resume import Watch
 from ikgrad.training.inverters import InverterTraining, answers
 
 NAMES = ("traditional", "feedback")  # the paper calls the second one "proposed"
@@ -52,6 +56,7 @@ def train(
     seeds: Sequence[int],
     best: bool = True,
     count: Counter | None = None,
+    checkpoint: Path | None = None,
 ) -> tuple[NetworkResult, list[Inverter]]:
     """Train one network a data set by Levenberg-Marquardt, ten tanh units, as the paper has it.
 
@@ -62,19 +67,24 @@ def train(
         seeds: of the first weights.
         best: keep the weights with the smallest validation error, instead of the last.
         count: called with the number of networks after every epoch.
+        checkpoint: file that is kept up to date every few seconds and at the end; read first if it exists.
+
+    Raises:
+        DataError: the checkpoint is of other settings, or damaged.
     """
     inverters = [Inverter(denso(), feedback=name == "feedback", seed=seed) for seed in seeds]
-    start = time.perf_counter()
     training = InverterTraining(inverters, data)
-    training.run(epochs, after_epoch=None if count is None else lambda _: count(len(data)))
+    settings = {"network": name, "epochs": epochs, "seeds": list(seeds), "best": best, "data": _digest(data)}
+    each = None if count is None else lambda done: count(done * len(data))
+    with Watch(training.training, settings, checkpoint, count=each) as watch:
+        training.run(epochs, after_epoch=watch)
     training.finish(best=best)
-    seconds = time.perf_counter() - start
     rows = [(answers(inverter, d.test), d.test) for inverter, d in zip(inverters, data, strict=True)]
     history = training.training.history
     result = NetworkResult(
         name,
         epochs,
-        seconds,
+        watch.seconds,
         training.test_errors(),
         torch.stack([regression(q, test.q) for q, test in rows]),
         torch.stack([axis_errors_mm(q, test).abs().amax(0) for q, test in rows]),
@@ -82,6 +92,17 @@ def train(
         history.validation_table(),
     )
     return result, inverters
+
+
+def _digest(data: Sequence[DataSet]) -> str:
+    """What the rows are, short enough for a message."""
+    recipes: list[dict[str, Any]] = [each.recipe for each in data]
+    return hashlib.sha256(json.dumps(recipes, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def checkpoint_file(folder: Path | None, part: str, name: str) -> Path | None:
+    """Where one training of a part of the study keeps its checkpoint; nowhere without a folder."""
+    return None if folder is None else folder / f"{part}_{name}.ckpt"
 
 
 def make_data(schemes: Sequence[Scheme]) -> list[DataSet]:
@@ -117,4 +138,14 @@ def copy_error(data: DataSet) -> float:
     return (data.test.q_current - data.test.q).square().mean().item()
 
 
-__all__ = ["NAMES", "NetworkResult", "axis_errors_mm", "copy_error", "make_data", "median", "regression", "train"]
+__all__ = [
+    "NAMES",
+    "NetworkResult",
+    "axis_errors_mm",
+    "checkpoint_file",
+    "copy_error",
+    "make_data",
+    "median",
+    "regression",
+    "train",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -18,6 +19,7 @@ from ikgrad.papers.denso.networks import (
     NetworkResult,
     answers,
     axis_errors_mm,
+    checkpoint_file,
     copy_error,
     make_data,
     train,
@@ -108,12 +110,17 @@ class TrackStudy:
     median_seed: int
 
 
-def scheme_b(seeds: int, epochs: tuple[int, int], *, count: Counter | None = None) -> PathStudy:
+def scheme_b(
+    seeds: int, epochs: tuple[int, int], *, count: Counter | None = None, checkpoints: Path | None = None
+) -> PathStudy:
     """One smooth path a seed, cut at given epochs (traditional, feedback)."""
     data = make_data([SmoothPath(home=HOME, seed=seed) for seed in range(seeds)])
     results, nets = {}, {}
     for name, last in zip(NAMES, epochs, strict=True):
-        results[name], nets[name] = train(name, data, last, seeds=range(seeds), best=False, count=count)
+        file = checkpoint_file(checkpoints, "scheme_b", name)
+        results[name], nets[name] = train(
+            name, data, last, seeds=range(seeds), best=False, count=count, checkpoint=file
+        )
     drift = torch.stack(
         [_closed_loop_mm(net, d.samples).norm(dim=-1) for net, d in zip(nets["feedback"], data, strict=True)], dim=-1
     )
@@ -123,15 +130,18 @@ def scheme_b(seeds: int, epochs: tuple[int, int], *, count: Counter | None = Non
     return PathStudy(results["traditional"], results["feedback"], copies, drift.amax(0), first, drift)
 
 
-def scheme_a(epochs: int, *, count: Counter | None = None) -> tuple[BoxRow, ...]:
+def scheme_a(epochs: int, *, count: Counter | None = None, checkpoints: Path | None = None) -> tuple[BoxRow, ...]:
     """Joint boxes about home, present joints at several distances; one seed a cell."""
     cells = [(box, noise) for box in BOXES_DEG for noise in NOISES_DEG]
     data = make_data(
         [JointBox(home=HOME, half_width=math.radians(box), noise=math.radians(noise)) for box, noise in cells]
     )
-    feedback, _ = train("feedback", data, epochs, seeds=range(len(cells)), count=count)
     boxes = data[:: len(NOISES_DEG)]  # the traditional network does not see the noise
-    traditional, _ = train("traditional", boxes, epochs, seeds=range(len(boxes)), count=count)
+    results = {}
+    for name, sets in (("feedback", data), ("traditional", boxes)):
+        file = checkpoint_file(checkpoints, "scheme_a", name)
+        results[name], _ = train(name, sets, epochs, seeds=range(len(sets)), count=count, checkpoint=file)
+    feedback, traditional = results["feedback"], results["traditional"]
     rows = []
     for k, box in enumerate(BOXES_DEG):
         part = slice(k * len(NOISES_DEG), (k + 1) * len(NOISES_DEG))
@@ -140,25 +150,32 @@ def scheme_a(epochs: int, *, count: Counter | None = None) -> tuple[BoxRow, ...]
     return tuple(rows)
 
 
-def schemes_c_and_d(epochs: int, *, count: Counter | None = None) -> tuple[PairRow, ...]:
+def schemes_c_and_d(
+    epochs: int, *, count: Counter | None = None, checkpoints: Path | None = None
+) -> tuple[PairRow, ...]:
     """A helix alone, and cubes with a point nearby; one seed each."""
     titles = [f"C: helix, radius 0.06 m, {turns:g} turns" for turns in TURNS]
     titles += [f"D: cube +-{100 * half:g} cm, present point 0.5-10 mm away" for half in CUBES]
     helices = [Helix(home=HOME, turns=turns) for turns in TURNS]
     cubes = [Cube(home=HOME, half_width=half, redraw=True) for half in CUBES]
     data = make_data([*helices, *cubes])
-    mse = {name: train(name, data, epochs, seeds=range(len(data)), count=count)[0].mse.tolist() for name in NAMES}
+    mse = {}
+    for name in NAMES:
+        file = checkpoint_file(checkpoints, "schemes_c_and_d", name)
+        result, _ = train(name, data, epochs, seeds=range(len(data)), count=count, checkpoint=file)
+        mse[name] = result.mse.tolist()
     both = zip(mse["traditional"], mse["feedback"], map(copy_error, data), strict=True)
     return tuple(PairRow(title, *row) for title, row in zip(titles, both, strict=True))
 
 
-def track(seeds: int, epochs: int, *, count: Counter | None = None) -> TrackStudy:
+def track(seeds: int, epochs: int, *, count: Counter | None = None, checkpoints: Path | None = None) -> TrackStudy:
     """Train in the cube of +-5 cm and follow a helix inside it, one-step and in closed loop."""
     data = make_data([Cube(home=HOME, seed=seed, redraw=True) for seed in range(seeds)])
     rows = make_data([Helix(home=HOME, count=TRACK, radius_x=RADIUS, radius_y=RADIUS, rise=RISE)])[0].samples
     results, one_step, loops = {}, {}, {}
     for name in NAMES:
-        results[name], nets = train(name, data, epochs, seeds=range(seeds), count=count)
+        file = checkpoint_file(checkpoints, "track", name)
+        results[name], nets = train(name, data, epochs, seeds=range(seeds), count=count, checkpoint=file)
         one_step[name] = torch.stack([axis_errors_mm(answers(net, rows), rows).abs().amax(0) for net in nets])
         loops[name] = torch.stack([_closed_loop_mm(net, rows) for net in nets])  # (S, N, 3)
     closed = {name: errors.abs().amax(1) for name, errors in loops.items()}

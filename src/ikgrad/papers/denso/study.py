@@ -6,6 +6,7 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -67,12 +68,18 @@ class DensoStudy:
         }
 
 
-def run_study(config: DensoConfig | None = None, *, progress: Progress | None = None) -> DensoStudy:
+def run_study(
+    config: DensoConfig | None = None, *, checkpoints: Path | None = None, progress: Progress | None = None
+) -> DensoStudy:
     """Train all networks and compare them with the paper.
 
     Args:
         config: settings; default: `DensoConfig`.
+        checkpoints: folder of checkpoints; what is found there is gone on with.
         progress: called as ``progress(label, done, total)`` after every epoch, in networks times epochs.
+
+    Raises:
+        DataError: a checkpoint is of other settings, or damaged.
 
     Example:
         >>> study = run_study(DensoConfig(seeds=2, traditional_epochs=3, feedback_epochs=3, epochs=3))
@@ -84,10 +91,10 @@ def run_study(config: DensoConfig | None = None, *, progress: Progress | None = 
     counter = _Counter(progress, total=schemes.work(config.seeds, config.epochs, path_epochs))
     start = time.perf_counter()
     with one_thread():
-        path = schemes.scheme_b(config.seeds, path_epochs, count=counter.of("scheme B"))
-        boxes = schemes.scheme_a(config.epochs, count=counter.of("scheme A"))
-        pairs = schemes.schemes_c_and_d(config.epochs, count=counter.of("schemes C and D"))
-        track = schemes.track(config.seeds, config.epochs, count=counter.of("helix"))
+        path = schemes.scheme_b(config.seeds, path_epochs, count=counter.of("scheme B"), checkpoints=checkpoints)
+        boxes = schemes.scheme_a(config.epochs, count=counter.of("scheme A"), checkpoints=checkpoints)
+        pairs = schemes.schemes_c_and_d(config.epochs, count=counter.of("schemes C and D"), checkpoints=checkpoints)
+        track = schemes.track(config.seeds, config.epochs, count=counter.of("helix"), checkpoints=checkpoints)
     matrices = check_matrices()
     return DensoStudy(
         config,

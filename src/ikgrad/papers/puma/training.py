@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,16 +12,13 @@ from torch import Tensor, nn
 
 from ikgrad import optim
 from ikgrad.config import RuleConfig, load_config
-from ikgrad.errors import DataError, TrainingError
+from ikgrad.errors import TrainingError
 from ikgrad.networks import MLP, MinMax
 from ikgrad.papers.puma.path import TABLES, PathData, path_data
 from ikgrad.papers.puma.printed_results import CASES
+from ikgrad.papers.resume import Watch
 from ikgrad.resources import builtin_file
-from ikgrad.training import Batches, Training, load_checkpoint, log_epochs, save_checkpoint
-
-StepCounter = Callable[[int], None]  # told how many steps were done since it was last told
-
-CHECKPOINT_EVERY = 10.0  # seconds: what a kill may cost
+from ikgrad.training import Batches, Training, log_epochs
 
 
 @dataclass(frozen=True)
@@ -151,37 +147,17 @@ class Stack:
         Raises:
             DataError: the checkpoint is of other settings, or damaged.
         """
-        if checkpoint is not None and checkpoint.exists():
-            self._load(checkpoint, epochs)
-        watch = _Watch(self, checkpoint, epochs, progress)
-        try:
-            self.training.run(epochs, record=set(log_epochs(epochs)), after_epoch=watch)
-        except TrainingError:  # every network diverged: for eq. (58) as printed that is the result
-            self.training.stopped[:] = True
-        watch.finish()
+        count = None if progress is None else lambda done: progress(done * self.steps)
+        with Watch(self.training, self._settings(epochs), checkpoint, count=count) as watch:
+            try:
+                self.training.run(epochs, record=set(log_epochs(epochs)), after_epoch=watch)
+            except TrainingError:  # every network diverged: for eq. (58) as printed that is the result
+                self.training.stopped[:] = True
+        self.seconds = watch.seconds
 
     def _settings(self, epochs: int) -> dict[str, Any]:
         rules = [asdict(rule) | {"hidden": list(rule.hidden)} for rule in self.rules]
         return {"rules": rules, "seeds": self.seeds, "data": [each.name for each in self.sets], "epochs": epochs}
-
-    def _load(self, checkpoint: Path, epochs: int) -> None:
-        saved = load_checkpoint(checkpoint)
-        wanted = self._settings(epochs)
-        for key, value in wanted.items():
-            if saved["settings"].get(key) != value:
-                was = saved["settings"].get(key)
-                raise DataError(f"{checkpoint}: is of a run with {key} {was}, not {value}; --force starts anew")
-        self.training.load_state_dict(saved["training"])
-        self.seconds = saved["seconds"]
-
-    def save(self, checkpoint: Path, epochs: int) -> None:
-        """Write where this stack stands."""
-        state = {
-            "settings": self._settings(epochs),
-            "training": self.training.state_dict(),
-            "seconds": self.seconds,
-        }
-        save_checkpoint(checkpoint, state)
 
     def results(self) -> list[CaseResult]:
         """Every rule on every data set."""
@@ -211,49 +187,6 @@ class Stack:
             seconds=self.seconds,
             stacked=len(self.training.best_epoch),
         )
-
-
-class _Watch:
-    """Told after epochs: counts steps and time, and writes the checkpoint now and then."""
-
-    def __init__(self, stack: Stack, checkpoint: Path | None, epochs: int, progress: StepCounter | None):
-        self.stack, self.checkpoint, self.epochs, self.progress = stack, checkpoint, epochs, progress
-        self.epoch = 0
-        self.start = self.written = time.monotonic()
-
-    def __call__(self, training: Training) -> None:
-        steps = (training.epoch - self.epoch) * self.stack.steps
-        self.epoch = training.epoch
-        if self.checkpoint is not None and time.monotonic() - self.written > CHECKPOINT_EVERY:
-            self._save(self.checkpoint)
-        try:
-            self._count(steps)
-        except KeyboardInterrupt:  # between two epochs: nothing is half done
-            if self.checkpoint is not None:
-                self._save(self.checkpoint)
-            raise
-
-    def finish(self) -> None:
-        """The last count and the last checkpoint."""
-        if self.checkpoint is not None:
-            self._save(self.checkpoint)
-        else:
-            self._clock()
-        self._count((self.epochs - self.epoch) * self.stack.steps)  # those that a diverged stack was spared
-
-    def _count(self, steps: int) -> None:
-        if self.progress is not None:
-            self.progress(steps)
-
-    def _save(self, checkpoint: Path) -> None:
-        self._clock()
-        self.stack.save(checkpoint, self.epochs)
-        self.written = time.monotonic()
-
-    def _clock(self) -> None:
-        now = time.monotonic()
-        self.stack.seconds += now - self.start
-        self.start = now
 
 
 def stacks(rules: Sequence[RuleConfig], seeds: int) -> list[Stack]:
