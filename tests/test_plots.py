@@ -27,6 +27,10 @@ def arm() -> object:
     return plots.arm_path(robot, poses, paths={"way": path}, points={"end": path[-1]})
 
 
+T = np.linspace(0.0, 1.0, 40)
+WAY = np.stack([np.sin(6 * T), np.cos(6 * T), T], axis=1)
+RUNS = 10.0 ** -np.linspace([0, 0.5], [4, 6], 40)  # (E, S)
+
 FIGURES = {
     "convergence": lambda: plots.convergence(CURVES, threshold=1e-9, printed={"a": 50, "b": 80}),
     "one_curve": lambda: plots.convergence({"a": CURVES["a"]}, threshold=1e-9),
@@ -38,6 +42,31 @@ FIGURES = {
     ),
     "comparison_bars": lambda: plots.comparison_bars({"a": 3.0, "b": 5.0}, {"a": 3.0, "b": 4.0}, ylabel="count [-]"),
     "arm_path": arm,
+    "learning_curves": lambda: plots.learning_curves({"a": (1.0 + np.arange(40), RUNS)}, ylabel="error [-]"),
+    "performance": lambda: plots.performance(
+        {"training": RUNS, "validation": 2 * RUNS},
+        WAY,
+        WAY + 0.1,
+        ylabel="error [rad$^2$]",
+        pair_unit="rad",
+        note="R = 0.9",
+        mark=(20, 1e-3, "theirs"),
+        title="both",
+    ),
+    "traces": lambda: plots.traces(
+        {"a": WAY, "b": 0.9 * WAY},
+        panels=["x [m]", "y [m]", "z [m]"],
+        x=T,
+        xlabel="time [s]",
+        limit=2,
+        notes=list("ijk"),
+    ),
+    "closeups": lambda: plots.closeups(
+        WAY, {"a": 1.01 * WAY}, x=T, windows=[(0.2, 0.5)] * 3, panels=list("xyz"), xlabel="time [s]", unit="m"
+    ),
+    "curves_in_space": lambda: plots.curves_in_space(
+        {"wanted": WAY, "a": 1.1 * WAY}, points={"i": WAY[3]}, unit="m", title="a path"
+    ),
 }
 
 
@@ -66,7 +95,7 @@ def test_the_same_figure_is_drawn_twice(name: str, tmp_path: Path):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_axis_has_a_label_with_a_unit(name: str):
-    counts = ("iteration", "motion")  # what is counted has no unit
+    counts = ("iteration", "motion", "epoch")  # what is counted has no unit
     labels = []
     for axes in FIGURES[name]().axes:
         solid = axes.name == "3d"  # there, axison is always off
@@ -75,6 +104,22 @@ def test_every_axis_has_a_label_with_a_unit(name: str):
     written = [label for label in labels if label]
     assert len(written) >= 2
     assert all("[" in label or label in counts for label in written), written
+
+
+def test_a_crowd_of_traces_has_no_legend():
+    few, crowd = (
+        plots.traces({str(k): WAY for k in range(count)}, panels=["x [m]"] * 3, xlabel="step") for count in (7, 8)
+    )
+    assert few.axes[0].get_legend() is not None
+    assert crowd.axes[0].get_legend() is None
+
+
+def test_closeups_show_their_window_alone():
+    axes = FIGURES["closeups"]().axes
+    for panel in axes:
+        x = panel.lines[-1].get_xdata()
+        assert 0.2 <= x.min() < x.max() <= 0.5
+    np.testing.assert_allclose(axes[1].lines[-1].get_ydata(), 0.01 * WAY[(T >= 0.2) & (T <= 0.5), 0], atol=1e-12)
 
 
 def test_svg_is_written_by_suffix_and_is_reproducible(tmp_path: Path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from ikgrad.papers.denso.arm import (
     tool_down_ik,
 )
 from ikgrad.papers.denso.checks import round_trip_m
+from ikgrad.papers.denso.figures import FIGURES
 from ikgrad.papers.denso.networks import make_data, median, regression, train
 from ikgrad.papers.denso.report import report
 from ikgrad.papers.denso.study import DensoStudy, run_study
@@ -178,6 +180,37 @@ def test_tables_carry_the_papers_numbers_beside_ours(study: DensoStudy):
     text = str([table.rows for table in tables.values()])
     for printed in ("1.1892e-5", "3.3029e-8", "0.99758", "0.17", "5.78", "6.5", "PUMA 560"):
         assert printed in text
+
+
+def test_table_2_has_millimetres_first_and_says_what_its_percentages_are(study: DensoStudy):
+    table = next(table for table in report(study) if table.title.startswith("Table 2"))
+    first = table.rows[0]
+    assert first[:2] == ("x, largest error [mm], scheme D", "0.22")
+    assert float(first[2]) == pytest.approx(median(study.track.closed_mm["feedback"])[0].item(), abs=0.006)
+    half = 500 * (study.track.path[:, 0].max() - study.track.path[:, 0].min()).item()  # in mm
+    row = next(row for row in table.rows if row[0] == "x, in % of half its range")
+    assert float(row[4]) == pytest.approx(100 * float(first[4]) / half, abs=0.03)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_name_the_papers_number_and_our_run(study: DensoStudy, name: str):
+    figure = FIGURES[name](study)
+    title = figure.get_suptitle()
+    number = re.search("figure(\\d+)", name)
+    assert title.startswith("Scheme B" if number is None else f"Figure {int(number[1])} of the paper")
+    assert "scheme " in title.lower()
+    assert "2 " in title  # seeds
+
+
+def test_figures_4_and_6_end_with_the_errors_of_the_last_epoch(study: DensoStudy):
+    result = study.path.feedback
+    line = FIGURES["denso_figure06"](study).axes[0].lines[0]
+    assert line.get_xdata()[-1] == result.epochs
+    assert line.get_ydata()[-1] == pytest.approx(result.curve_train[-1].quantile(0.5).item())
+    rows = make_data([SmoothPath(home=HOME, seed=result.median_seed)])[0].test
+    assert torch.equal(result.targets, rows.q)
+    mse = (result.answers - result.targets).square().mean()
+    assert mse.item() == pytest.approx(result.mse[result.median_seed].item(), rel=1e-12)
 
 
 def test_claims_on_errors_wait_for_the_papers_epochs(study: DensoStudy):

@@ -8,17 +8,20 @@ from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
-from ikgrad.plots.tracking import traces
-from ikgrad.plots.training import learning_curves, spread
+from ikgrad.plots.tracking import closeups, curves_in_space, traces
+from ikgrad.plots.training import learning_curves, performance, spread
 
 __all__ = [
     "PALETTE",
     "arm_path",
+    "closeups",
     "comparison_bars",
     "convergence",
+    "curves_in_space",
     "learning_curves",
     "learning_rates",
     "new_figure",
+    "performance",
     "save_figure",
     "solve_summary",
     "spread",

@@ -76,3 +76,52 @@ def spread(
         panels[0].legend(loc="upper right")
         panels[0].set_ylabel(ylabel)
     return figure
+
+
+def performance(
+    curves: Mapping[str, np.ndarray],
+    targets: np.ndarray,
+    answers: np.ndarray,
+    *,
+    ylabel: str,
+    pair_unit: str,
+    note: str = "",
+    mark: tuple[float, float, str] | None = None,
+    title: str = "",
+) -> Figure:
+    """How well a network has learnt: its error at every epoch, and what it answers to what it should.
+
+    Args:
+        curves: name to errors (E, S) at epochs 1 to E; drawn as the median over the seeds, their range as a band.
+        targets: (N, n), one colour for each of the n columns.
+        answers: (N, n).
+        ylabel: of the errors, quantity and unit.
+        pair_unit: of targets and answers.
+        note: in their panel.
+        mark: epoch and error of somebody else, drawn as a ring, and whose.
+        title: above the figure.
+    """
+    with styled():
+        figure = new_figure((10.0, 4.6))
+        left, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
+        for k, (colour, (name, errors)) in enumerate(zip(PALETTE, curves.items(), strict=False)):
+            epochs = np.arange(1, len(errors) + 1)
+            left.plot(epochs, np.median(errors, axis=1), "--" if k else "-", color=colour, label=name)
+            left.fill_between(epochs, errors.min(axis=1), errors.max(axis=1), color=colour, alpha=0.15, linewidth=0)
+        if mark is not None:
+            left.plot(*mark[:2], "o", markersize=13, fillstyle="none", color=INK, markeredgewidth=1.6, label=mark[2])
+        left.set(yscale="log", xlabel="epoch", ylabel=ylabel)
+        left.margins(x=0.03)
+        left.set_title("median and range over the seeds", fontsize=10)
+        left.legend()
+        ends = np.array([min(targets.min(), answers.min()), max(targets.max(), answers.max())])
+        right.plot(ends, ends, color=FAINT, linewidth=1.0)
+        for k, colour in zip(range(targets.shape[1]), PALETTE, strict=False):
+            right.plot(targets[:, k], answers[:, k], ".", color=colour, markersize=2.5, label=f"$q_{k + 1}$")
+        right.set(xlabel=f"target [{pair_unit}]", ylabel=f"answer [{pair_unit}]", aspect="equal")
+        right.set_title("test rows of the median seed", fontsize=10)
+        right.text(0.97, 0.05, note, transform=right.transAxes, ha="right", fontsize=10)
+        right.legend(markerscale=4, fontsize=9, labelspacing=0.2, handletextpad=0.1)
+        if title:
+            figure.suptitle(title, fontsize=11)
+    return figure

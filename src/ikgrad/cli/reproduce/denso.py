@@ -19,7 +19,7 @@ from ikgrad.cli.reproduce.shared import (
 if TYPE_CHECKING:
     from ikgrad.config import DensoConfig
 
-FIGURES = ("learning", "path", "closeup", "errors_feedback", "errors_traditional", "drift")
+FIGURES = ("figure04", "figure06", "figure11", "figure12", "figure13", "figure14", "drift")
 FILES = (*(f"denso_{name}.png" for name in FIGURES), "denso.json")
 
 

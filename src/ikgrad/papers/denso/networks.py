@@ -36,6 +36,9 @@ class NetworkResult:
         position_mm: (S, 3) largest error of x, y and z [mm].
         curve_train: (epochs, S) mean squared error along the training [rad^2].
         curve_validation: (epochs, S) the same on the validation rows.
+        median_seed: by the mean squared error.
+        targets: (N, n) joints of the test rows of that seed [rad].
+        answers: (N, n) its answers [rad].
     """
 
     name: str
@@ -46,6 +49,9 @@ class NetworkResult:
     position_mm: Tensor
     curve_train: Tensor
     curve_validation: Tensor
+    median_seed: int
+    targets: Tensor
+    answers: Tensor
 
 
 def train(
@@ -81,15 +87,20 @@ def train(
     training.finish(best=best)
     rows = [(answers(inverter, d.test), d.test) for inverter, d in zip(inverters, data, strict=True)]
     history = training.training.history
+    mse = training.test_errors()
+    middle = int(mse.argsort()[(len(mse) - 1) // 2])
     result = NetworkResult(
         name,
         epochs,
         watch.seconds,
-        training.test_errors(),
+        mse,
         torch.stack([regression(q, test.q) for q, test in rows]),
         torch.stack([axis_errors_mm(q, test).abs().amax(0) for q, test in rows]),
         history.train_table(),
         history.validation_table(),
+        middle,
+        rows[middle][1].q,
+        rows[middle][0],
     )
     return result, inverters
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ikgrad.papers.denso.networks import NetworkResult, median
+from ikgrad.papers.denso.networks import median
 from ikgrad.papers.denso.schemes import LOST_MM, NOISES_DEG, RADIUS, RISE, percentages
 from ikgrad.papers.denso.study import DensoStudy
 from ikgrad.papers.printed import find_row, read_table
 from ikgrad.papers.record import Cells, Table, checks_table, misprints_table
 
 PAPER = {"traditional": "traditional", "feedback": "proposed"}
+NETWORKS = ("feedback", "traditional")  # as in Table 2
 
 
 def report(study: DensoStudy) -> list[Table]:
@@ -116,44 +117,48 @@ def helix(study: DensoStudy) -> Table:
 
 
 def table2(study: DensoStudy) -> Table:
-    """Table 2 by two definitions of a percentage."""
-    track = study.track
+    """Table 2: millimetres first, then percentages by two definitions, then the errors of the joints."""
+    errors = {name: median(study.track.closed_mm[name]) for name in NETWORKS}
+    shares = {name: percentages(errors[name], study.track.path) for name in NETWORKS}
+    printed_mm = {row["axis"]: row for row in read_table("denso_path_errors")}
     rows: list[Cells] = []
-    shares = {name: percentages(median(track.closed_mm[name]), track.path) for name in PAPER}
     for k, axis in enumerate("xyz"):
-        printed = find_row("denso_table2", parameter=f"P{axis}_error_percent")
-        cells = [
-            cell
-            for name in ("feedback", "traditional")
-            for cell in (
-                printed[PAPER[name]],
-                f"{shares[name]['amplitude'][k]:.2f}",
-                f"{shares[name]['coordinate'][k]:.2f}",
-            )
-        ]
-        rows.append((f"P{axis} error [%]", *cells))
-    results = (study.path.feedback, study.path.traditional)
-    rows.append(("MSE [rad^2], scheme B", *_pairs("MSE", results, lambda r: f"{median(r.mse):.3g}")))
-    rows.append(("R, scheme B", *_pairs("regression", results, lambda r: f"{median(r.regression):.5f}")))
-    columns = ("", "proposed: paper", "% of amplitude", "% of coordinate", "traditional: paper", "% of amplitude")
-    title = "Table 2: largest error on the helix, closed loop, in percent of half the range, and of the largest value"
-    return Table(title, (*columns, "% of coordinate"), tuple(rows))
+        cells = [(printed_mm[axis][f"{PAPER[n]}_max_error_mm"], f"{errors[n][k]:.2f}") for n in NETWORKS]
+        rows.append((f"{axis}, largest error [mm], scheme D", *cells[0], *cells[1]))
+    for kind, length in (("amplitude", "half its range"), ("coordinate", "its largest value")):
+        for k, axis in enumerate("xyz"):
+            printed = find_row("denso_table2", parameter=f"P{axis}_error_percent")
+            cells = [(printed[PAPER[n]], f"{shares[n][kind][k]:.2f}") for n in NETWORKS]
+            rows.append((f"{axis}, in % of {length}", *cells[0], *cells[1]))
+    results = {"feedback": study.path.feedback, "traditional": study.path.traditional}
+    for label, parameter in (("MSE [rad^2], scheme B", "MSE"), ("R, scheme B", "regression")):
+        printed = find_row("denso_table2", parameter=parameter)
+        ours = {
+            n: f"{median(r.mse):.3g}" if parameter == "MSE" else f"{median(r.regression):.6f}"
+            for n, r in results.items()
+        }
+        cells = [(printed[PAPER[n]], ours[n]) for n in NETWORKS]
+        rows.append((label, *cells[0], *cells[1]))
+    seeds = len(study.track.feedback.mse)
+    return Table(
+        f"Table 2: the helix in closed loop and the test rows, medians of {seeds} seeds; "
+        "the paper does not say what its percentages refer to",
+        ("", "proposed: paper", "feedback: ours", "traditional: paper", "ours"),
+        tuple(rows),
+    )
 
 
 def table3(study: DensoStudy) -> Table:
     """Table 3: the paper's comparison with others, quoted, and ours."""
-    feedback, track = study.path.feedback, study.track
-    share = percentages(median(track.closed_mm["feedback"]), track.path)["amplitude"].tolist()
-    errors = " ".join(f"{axis}={value:.2f}%" for axis, value in zip("xyz", share, strict=True))
-    ours = ("this run", "Denso", "6", "ANN", f"{median(feedback.mse):.2g}", "10", f"{errors} (of the amplitude)")
+    mm = median(study.track.closed_mm["feedback"])
+    errors = " ".join(f"{axis}={value:.2f}" for axis, value in zip("xyz", mm.tolist(), strict=True)) + " mm"
+    share = percentages(mm, study.track.path)["amplitude"].tolist()
+    errors += "; " + " ".join(f"{axis}={value:.2f}%" for axis, value in zip("xyz", share, strict=True))
+    mse = f"{median(study.path.feedback.mse):.2g}"
+    ours = ("this run", "Denso", "6", "ANN", mse, "10", f"{errors} of half the range")
     rows = [tuple(row.values()) for row in read_table("denso_table3")]
     columns = ("study", "system", "joints", "method", "MSE", "hidden (neurons)", "errors")
     return Table("Table 3: other studies as the paper quotes them", columns, (rows[0], ours, *rows[1:]), left=7)
-
-
-def _pairs(parameter: str, results: tuple[NetworkResult, NetworkResult], show) -> list[str]:  # type: ignore[no-untyped-def]
-    printed = find_row("denso_table2", parameter=parameter)
-    return [cell for r in results for cell in (printed[PAPER[r.name]], show(r), "")]
 
 
 def _gain(value: float, reference: float) -> str:

@@ -135,7 +135,7 @@ def _numbers(record: Any) -> Any:
         return {key: _numbers(value) for key, value in record.items()}
     if not hasattr(record, "__dataclass_fields__"):
         return record
-    long = ("curve_train", "curve_validation", "drift", "path", "errors_mm")
+    long = ("curve_train", "curve_validation", "drift", "path", "errors_mm", "targets", "answers")
     return {key: _numbers(value) for key, value in vars(record).items() if key not in long}
 
 
