@@ -49,7 +49,7 @@ CASES = [
         "puma",
         ("--seeds", "2", "--epochs", "3000"),
         0.3,
-        "*.ckpt",
+        "[!.]*.ckpt",  # not the temporary file
         ("--seeds", "2", "--epochs", "3001"),
         "is of a run with epochs 3000, not 3001; --force starts anew",
         puma.FILES,
