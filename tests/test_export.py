@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 
 import numpy as np
@@ -12,8 +13,10 @@ import pytest
 import torch
 
 import ikgrad as ik
+from ikgrad.cli.main import main
 from ikgrad.export import Refined, export_inverter, read_metadata
 from ikgrad.export.refined import solve_spd
+from ikgrad.resources import builtin_file
 
 
 def make(name: str = "arm4", *, feedback: bool = False, dtype: torch.dtype = torch.float32) -> ik.Inverter:
@@ -190,3 +193,44 @@ def test_files_of_others_are_refused(tmp_path, name):
         read_metadata(path)
     with pytest.raises(ik.DataError, match="cannot be read"):
         read_metadata(tmp_path / f"none.{name[2:]}")
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved")
+    make(dtype=torch.float64).save(folder / "mine")
+    return folder
+
+
+def test_the_command_writes_a_file_and_says_how_well_it_agrees(saved, capsys):
+    out = saved / "arm.pt2"
+    assert main(["export", str(saved / "mine"), str(out)]) == 0
+    assert re.fullmatch(
+        r"arm4 -> .*arm\.pt2 \(joints differ from torch by \S+ at most, on 1,000 poses\)\n", capsys.readouterr().out
+    )
+    assert main(["export", str(saved / "mine"), str(out), "--steps", "1", "--force", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["damped_steps"] == 1
+    assert printed["difference"] < 1e-9
+    assert read_metadata(out)["robot"] == printed["robot"]
+
+
+def test_the_commands_mistakes(saved, tmp_path, capsys):
+    urdf = tmp_path / "other.urdf"
+    urdf.write_text(builtin_file("urdf", "arm4").read_text().replace('xyz="10 0 0"', 'xyz="11 0 0"'))
+    (tmp_path / "run" / "model-0").mkdir(parents=True)
+    cases = [
+        ([str(tmp_path), "a.onnx"], "holds no trained inverter"),
+        ([str(tmp_path / "run"), "a.onnx"], "holds 1 members; name one, such as"),
+        ([str(saved / "mine"), "a.txt"], "unknown kind of file '.txt'"),
+        ([str(saved / "mine"), str(tmp_path / "a.pt2"), "--robot", "ur5e"], "not for 'ur5e'"),
+        (
+            [str(saved / "mine"), str(tmp_path / "a.pt2"), "--robot", str(urdf)],
+            "what differs: the geometry of the links",
+        ),
+    ]
+    for arguments, text in cases:
+        assert main(["export", *arguments]) == 2
+        err = capsys.readouterr().err
+        assert text in err
+        assert err.count("\n") == 1
