@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 import ikgrad as ik
-from ikgrad.optim import Backprop, DeltaBarDelta, Quickprop
+from ikgrad.optim import Backprop, DeltaBarDelta, LevenbergMarquardt, Quickprop
 
 RULES = {
     "backprop": lambda p, **k: Backprop(p, **{"lr": 0.1, "momentum": 0.5, **k}),
@@ -22,8 +22,11 @@ RULES = {
     "quickprop": lambda p, **k: Quickprop(p, **{"lr": 0.1, **k}),
     "quickprop as printed": lambda p, **k: Quickprop(p, **{"lr": 0.1, "literal": True, **k}),
 }
+# It moves all weights by one system of equations: one group, mu where the others have lr, residuals for a loss.
+ALL = {**RULES, "levenberg-marquardt": lambda p, lr=1e-3: LevenbergMarquardt(p, mu=lr)}
 Make = Callable[..., torch.optim.Optimizer]
-every_rule = pytest.mark.parametrize("rule", RULES.values(), ids=RULES.keys())
+every_rule = pytest.mark.parametrize("rule", ALL.values(), ids=ALL.keys())
+gradient_rules = pytest.mark.parametrize("rule", RULES.values(), ids=RULES.keys())
 
 
 def network(dtype: torch.dtype = torch.float64) -> torch.nn.Sequential:
@@ -34,18 +37,31 @@ def network(dtype: torch.dtype = torch.float64) -> torch.nn.Sequential:
     return net.to(dtype)
 
 
+def residuals(net: torch.nn.Module) -> Tensor:
+    x = torch.linspace(-1.0, 1.0, 15, dtype=next(net.parameters()).dtype).reshape(5, 3)
+    return net(x) - x[:, :2].square()
+
+
 def backward(net: torch.nn.Module) -> Tensor:
     net.zero_grad()
-    x = torch.linspace(-1.0, 1.0, 15, dtype=next(net.parameters()).dtype).reshape(5, 3)
-    loss = 0.5 * (net(x) - x[:, :2].square()).square().sum()
+    loss = 0.5 * residuals(net).square().sum()
     loss.backward()
     return loss.detach()
 
 
+def step(optimizer: torch.optim.Optimizer, closure: Callable[[], Tensor]) -> None:
+    """One step on half the sum of squared residuals, by whichever contract the optimizer has."""
+    if getattr(optimizer, "wants_residuals", False):
+        optimizer.step(closure)
+        return
+    optimizer.zero_grad()
+    (0.5 * closure().square().sum()).backward()
+    optimizer.step()
+
+
 def run(net: torch.nn.Module, optimizer: torch.optim.Optimizer, steps: int) -> list[Tensor]:
     for _ in range(steps):
-        backward(net)
-        optimizer.step()
+        step(optimizer, lambda: residuals(net))
     return [p.detach().clone() for p in net.parameters()]
 
 
@@ -71,7 +87,7 @@ def test_a_saved_state_continues_bit_identically(rule: Make, through_file: bool)
         assert torch.equal(a, b)
 
 
-@every_rule
+@gradient_rules
 def test_the_state_is_made_at_the_first_step_and_stays_with_the_parameter(rule: Make):
     net = network(torch.float32)
     optimizer = rule(net.parameters())
@@ -83,7 +99,7 @@ def test_the_state_is_made_at_the_first_step_and_stays_with_the_parameter(rule: 
         assert {(x.shape, x.dtype, x.device) for x in tensors} == {(p.shape, p.dtype, p.device)}
 
 
-@every_rule
+@gradient_rules
 def test_groups_have_their_own_settings(rule: Make):
     """Training two groups in one optimizer is training each in its own."""
     net, twin = network(), network()
@@ -106,7 +122,7 @@ def test_all_settings_are_defaults_of_every_group(rule: Make):
     assert set(optimizer.defaults) == set(optimizer.param_groups[0]) - {"params"}
 
 
-@every_rule
+@gradient_rules
 def test_the_closure_runs_with_gradients_and_its_loss_comes_back(rule: Make):
     net, twin = network(), network()
     optimizer = rule(net.parameters())
@@ -119,7 +135,7 @@ def test_the_closure_runs_with_gradients_and_its_loss_comes_back(rule: Make):
     assert plain.step() is None
 
 
-@every_rule
+@gradient_rules
 def test_a_scheduler_sets_the_size_of_the_next_step(rule: Make):
     """From equal histories, a tenth of lr gives a tenth of the part of the step that lr governs."""
     moved = []
@@ -150,7 +166,7 @@ def test_a_warm_up_leaves_the_rates_of_delta_bar_delta_alone():
     assert moved == pytest.approx([0.25, 0.75], rel=1e-12)  # half of 0.5; then all of 0.5 + 0.25
 
 
-@every_rule
+@gradient_rules
 def test_a_stack_of_networks_is_trained_like_each_alone(rule: Make):
     """Parameters with a leading dimension for the seed, the sum of the losses: elementwise rules see no difference."""
     generator = torch.Generator().manual_seed(3)
@@ -174,8 +190,7 @@ def test_a_stack_of_networks_is_trained_like_each_alone(rule: Make):
 def test_parameters_without_gradient_are_left_alone(rule: Make):
     used, unused = (torch.nn.Parameter(torch.ones(2)) for _ in range(2))
     optimizer = rule([used, unused])
-    used.sum().backward()
-    optimizer.step()
+    step(optimizer, lambda: used - 3.0)
     assert not torch.equal(used, torch.ones(2))
     assert torch.equal(unused, torch.ones(2))
     assert unused not in optimizer.state
@@ -185,13 +200,12 @@ def test_parameters_without_gradient_are_left_alone(rule: Make):
 def test_sparse_gradients_are_refused_before_anything_changes(rule: Make):
     dense, table = torch.nn.Parameter(torch.ones(2)), torch.nn.Embedding(4, 2, sparse=True)
     optimizer = rule([dense, *table.parameters()])
-    (dense.sum() + table(torch.tensor([1])).sum()).backward()
     with pytest.raises(RuntimeError, match="does not support sparse gradients; build the embedding with sparse=False"):
-        optimizer.step()
+        step(optimizer, lambda: torch.cat([dense, table(torch.tensor([1])).flatten()]))
     assert torch.equal(dense, torch.ones(2))
 
 
-@every_rule
+@gradient_rules
 def test_complex_weights_are_pairs_of_real_ones(rule: Make):
     real = torch.nn.Parameter(torch.tensor([[1.0, -2.0], [0.5, 3.0]], dtype=torch.float64))
     z = torch.nn.Parameter(torch.view_as_complex(real.detach().clone()))
@@ -204,6 +218,19 @@ def test_complex_weights_are_pairs_of_real_ones(rule: Make):
     torch.testing.assert_close(torch.view_as_real(z.detach()), real.detach(), rtol=1e-12, atol=1e-12)
     optimizers[1].load_state_dict(copy.deepcopy(optimizers[1].state_dict()))
     optimizers[1].step()
+
+
+@every_rule
+def test_a_step_takes_a_closure_under_no_grad(rule: Make):
+    """What a training loop under no_grad hands over is differentiated all the same."""
+    net, twin = network(), network()
+    optimizer = rule(net.parameters())
+    closure = (lambda: residuals(net)) if getattr(optimizer, "wants_residuals", False) else (lambda: backward(net))
+    with torch.no_grad():
+        for _ in range(3):
+            optimizer.step(closure)
+    for a, b in zip(net.parameters(), run(twin, rule(twin.parameters()), 3), strict=True):
+        assert torch.equal(a, b)
 
 
 @pytest.mark.parametrize("name", ["backprop", "delta-bar-delta", "quickprop"])
@@ -231,14 +258,18 @@ def test_float32_follows_float64(name: str):
         (Quickprop, {"mu": 0.0}, "Invalid mu: 0.0"),
         (Quickprop, {"weight_decay": -1e-4}, "Invalid weight_decay: -0.0001"),
         (Quickprop, {"max_step": 0}, "Invalid max_step: 0"),
+        (LevenbergMarquardt, {"mu": -1.0}, "Invalid mu: -1.0"),
+        (LevenbergMarquardt, {"increase": 1.0}, "Invalid increase: 1.0"),
+        (LevenbergMarquardt, {"decrease": float("inf")}, "Invalid decrease: inf"),
     ],
 )
 def test_bad_settings_are_refused_for_all_and_for_one_group(kind: Make, settings: dict[str, float], text: str):
     w = torch.nn.Parameter(torch.ones(2))
+    needed = {} if kind is LevenbergMarquardt else {"lr": 0.1}
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        kind([w], **{"lr": 0.1, **settings})
+        kind([w], **{**needed, **settings})
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        kind([{"params": [w], **settings}], lr=0.1)
+        kind([{"params": [w], **settings}], **needed)
 
 
 @every_rule
