@@ -20,7 +20,7 @@ LAYERS = [
     {"segments", "robot", "pk_chain", "dh", "urdf", "config"},
     {"kinematics", "engine"},
     {"solvers", "collision", "data", "files"},
-    {"networks"},
+    {"networks", "planning"},
     {"training", "export"},
     {"papers", "plots", "bench"},
     {"cli"},

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ikgrad.collision.verdict import MotionCheck
+    from ikgrad.planning.result import OptimizedTrajectory
     from ikgrad.solvers.solution import IKSolution
 
 
@@ -60,3 +61,11 @@ class CollisionError(IkgradError, RuntimeError):
     def __init__(self, message: str, check: MotionCheck):
         super().__init__(message)
         self.check = check
+
+
+class PlanningError(IkgradError, RuntimeError):
+    """Raised by `OptimizedTrajectory.raise_if_failed`; carries the trajectories as ``result``."""
+
+    def __init__(self, message: str, result: OptimizedTrajectory):
+        super().__init__(message)
+        self.result = result
