@@ -145,4 +145,46 @@ class DensoConfig:
             require(value > 0, key, "must be positive", value)
 
 
-__all__ = ["AppsConfig", "DensoConfig", "PumaConfig", "RuleConfig"]
+@dataclasses.dataclass(frozen=True)
+class TrajectoryConfig:
+    """Settings of the 4-DOF trajectory study, ``ikgrad reproduce trajectory``; the paper prints none of them.
+
+    Attributes:
+        tf: end time of every trajectory, after the second via at 5 [s].
+        seeds: networks of each kind, each with destinations, first weights and an order of patterns of its own.
+        destinations: random destinations in a training set.
+        hidden: units of the network that answers with the hand.
+        joint_hidden: units of those that answer with joint 3 or joint 4.
+        epochs: per pattern, of the hand's network.
+        joint_epochs: per pattern, of the two others.
+        lr: alpha of the per-pattern rule; a tenth of it for the last fifth of the epochs.
+        margin: how far beyond the data the range of a logistic output reaches [unit].
+        time_range: the time goes to +-this, the angles to +-1.
+        lm_epochs: of Levenberg-Marquardt, of the hand's network.
+        joint_lm_epochs: of Levenberg-Marquardt, of the two others.
+        segments: random segments of the sphere test.
+    """
+
+    tf: float = 8.0
+    seeds: int = 5
+    destinations: int = 60
+    hidden: int = 30
+    joint_hidden: int = 20
+    epochs: int = 10_000
+    joint_epochs: int = 4000
+    lr: float = 2.0
+    margin: float = 2.0
+    time_range: float = 4.0
+    lm_epochs: int = 400
+    joint_lm_epochs: int = 50
+    segments: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        for key, value in vars(self).items():
+            if key not in ("tf", "margin"):
+                require(value > 0, key, "must be positive", value)
+        require(5.0 < self.tf < float("inf"), "tf", "must come after the second via at 5 s", self.tf)
+        require(self.margin >= 0, "margin", "must not be negative", self.margin)
+
+
+__all__ = ["AppsConfig", "DensoConfig", "PumaConfig", "RuleConfig", "TrajectoryConfig"]
