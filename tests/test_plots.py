@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,10 @@ from ikgrad import plots
 from ikgrad.errors import DataError
 from ikgrad.plots import tubes
 
+LINKS = np.cumsum(np.random.default_rng(0).normal(size=(6, 3, 1, 3)), axis=1).repeat(2, axis=2)
+LINKS[:, :, 1] += 1.0
+HITS = np.arange(18).reshape(6, 3) % 4 == 0
+BALL = dict(centers=np.array([[1.0, 0.0, 0.5]]), radii=np.array([0.4]))
 CURVES = {name: 10.0 ** -np.linspace(0, 9, k) for name, k in (("a", 50), ("b", 90), ("c", 20))}
 
 
@@ -67,6 +72,10 @@ FIGURES = {
     "curves_in_space": lambda: plots.curves_in_space(
         {"wanted": WAY, "a": 1.1 * WAY}, points={"i": WAY[3]}, unit="m", title="a path"
     ),
+    "swept_arm": lambda: plots.swept_arm(
+        LINKS, predicted=LINKS + 0.1, touching=HITS, touching_predicted=~HITS, **BALL, title="sweep"
+    ),
+    "traces_of_one": lambda: plots.traces({"a": LINKS[:, 0, 0]}, panels=["x", "y", "z"], xlabel="time [s]"),
 }
 
 
@@ -167,3 +176,22 @@ def test_tubes_that_two_poses_share_are_drawn_once():
     assert 0 < len(rest.faces) < len(whole.faces)
     assert rest.faces[..., 2].min() > 0.8  # nothing of the column below the first bend
     assert len(whole.faces) == len(whole.shade) == len(whole.joint)
+
+
+def test_an_animation_has_a_frame_an_instant_and_moves(tmp_path: Path):
+    path = plots.save_sweep(tmp_path / "arm.gif", LINKS, predicted=LINKS, touching=HITS, **BALL, dpi=40)
+    with Image.open(path) as film:
+        assert film.n_frames == len(LINKS)
+        frames = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB")))
+    assert all((a != b).any() for a, b in itertools.pairwise(frames))
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.gif"]
+    with pytest.raises(DataError, match="gif"):
+        plots.save_sweep(tmp_path / "arm.mp4", LINKS, predicted=LINKS, touching=HITS, **BALL)
+
+
+def test_traces_stand_where_they_are_told():
+    figure = plots.traces({"a": LINKS[:, 0, 0]}, panels=["x", "y", "z"], xlabel="time [s]", x=np.arange(6) / 2)
+    assert figure.axes[0].lines[0].get_xdata().tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]

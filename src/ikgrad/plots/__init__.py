@@ -8,6 +8,7 @@ from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
+from ikgrad.plots.sweep import save_sweep, swept_arm
 from ikgrad.plots.tracking import closeups, curves_in_space, traces
 from ikgrad.plots.training import learning_curves, performance, spread
 
@@ -23,9 +24,11 @@ __all__ = [
     "new_figure",
     "performance",
     "save_figure",
+    "save_sweep",
     "solve_summary",
     "spread",
     "styled",
+    "swept_arm",
     "to_png",
     "traces",
 ]

@@ -55,7 +55,7 @@ def traces(
                 axes.text(0.99, 0.97, notes[p], transform=axes.transAxes, ha="right", va="top", fontsize=9)
         all_axes[-1].set_xlabel(xlabel)
         if 1 < len(lines) <= len(PALETTE):  # beyond, colours repeat and name nothing
-            all_axes[0].legend(ncols=min(len(lines), 5), fontsize=9)
+            all_axes[0].legend(ncols=min(len(lines), 5 if len(max(lines, key=len)) < 16 else 2), fontsize=9)
         if title:
             figure.suptitle(title, fontsize=11)
     return figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikgrad.cli.parsing import Commands, example
-from ikgrad.cli.reproduce import apps, denso, puma
+from ikgrad.cli.reproduce import apps, denso, puma, trajectory
 
 
 def add(commands: Commands) -> None:
@@ -16,3 +16,4 @@ def add(commands: Commands) -> None:
     apps.add(papers)
     puma.add(papers)
     denso.add(papers)
+    trajectory.add(papers)

@@ -145,6 +145,14 @@ class Ensemble:
             flat = self.outputs.inverse(self.network(self.inputs(x.reshape(-1, x.shape[-1]))))
         return flat.reshape(self.config.seeds, *x.shape[:-1], 3)
 
+    def train_rms(self) -> Tensor:
+        """(S,) root of the mean squared error of a coordinate on the training set [unit]."""
+        return self._train_errors().square().mean((-2, -1)).sqrt()
+
+    def _train_errors(self) -> Tensor:
+        with torch.no_grad():
+            return self.outputs.inverse(self.network(self.training.data.x)) - self.y
+
     def _optimizer(self) -> torch.optim.Optimizer:
         parameters = self.network.parameters()
         if self.rule == "per-pattern":
@@ -153,8 +161,6 @@ class Ensemble:
 
     def _judge(self, seconds: float) -> NetworkResult:
         x, truth = unseen(self.target, self.config.tf)
-        with torch.no_grad():
-            learnt = self.outputs.inverse(self.network(self.training.data.x))
         return NetworkResult(
             self.target,
             self.rule,
@@ -162,7 +168,7 @@ class Ensemble:
             self.training.epoch,
             self.y.shape[-2],
             seconds,
-            train_max=(learnt - self.y).abs().amax((-2, -1)),
+            train_max=self._train_errors().abs().amax((-2, -1)),
             answers=self.answers(x),
             truth=truth,
         )
