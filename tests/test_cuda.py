@@ -7,6 +7,7 @@ import torch
 from support import BUILTIN
 
 import ikgrad as ik
+from ikgrad.collision import Capsules, PolynomialMotion, Spheres, check_motion, clearance_residual, link_segments
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 
@@ -67,3 +68,56 @@ def test_several_solutions_and_bad_rows_on_the_gpu():
     solution = ik.solve_ik(robot, T, solutions=3)
     assert solution.reason[1].tolist() == ["invalid_target"] * 3
     assert bool(solution.success[0].all())
+
+
+BALLS = [[0.45, 0.1, 0.4], [-0.3, 0.4, 0.6], [0.0, -0.5, 0.3]]
+
+
+def balls(device: str) -> Spheres:
+    return Spheres(torch.tensor(BALLS, device=device).double(), torch.full((3,), 0.12, device=device).double())
+
+
+def poles(device: str) -> Capsules:
+    ends = torch.tensor([[b, [b[0], b[1], 0.0]] for b in BALLS], device=device).double()
+    return Capsules(ends, torch.full((3,), 0.08, device=device).double())
+
+
+@pytest.mark.parametrize("obstacles", [balls, poles])
+def test_distances_and_their_gradients_on_the_gpu_equal_those_on_the_cpu(obstacles):
+    robot = ik.load_robot("panda")
+    q = ik.sample_configurations(robot, 500, seed=0)
+    found = []
+    for device in ("cpu", "cuda"):
+        x = q.to(device).requires_grad_()
+        distance = obstacles(device).distance(link_segments(robot, x), 0.05)
+        residual = clearance_residual(robot, obstacles(device), link_radius=0.05)(x)
+        (grad,) = torch.autograd.grad(distance.sin().sum() + residual.square().sum(), x)
+        assert distance.device.type == residual.device.type == grad.device.type == device
+        found.append([value.detach().cpu() for value in (distance, residual, grad)])
+    for here, there in zip(*found, strict=True):
+        torch.testing.assert_close(here, there, rtol=1e-9, atol=1e-10)
+
+
+def test_motions_are_judged_on_the_gpu_as_on_the_cpu():
+    robot = ik.load_robot("panda")
+    a, b = ik.sample_configurations(robot, 200, seed=1).chunk(2)
+    verdicts = []
+    for device in ("cpu", "cuda"):
+        coefficients = torch.stack([a, b - a], dim=1)[:, None].to(device)
+        motion = PolynomialMotion(torch.tensor([0.0, 1.0], device=device), coefficients)
+        verdicts.append(check_motion(robot, motion, balls(device), link_radius=0.05))
+    assert verdicts[1].free.is_cuda
+    for name in ("free", "touches", "link", "obstacle"):
+        assert torch.equal(getattr(verdicts[0], name), getattr(verdicts[1], name).cpu())
+
+
+def test_trajectories_are_optimised_on_the_gpu():
+    robot = ik.load_robot("panda")
+    q = ik.sample_configurations(robot, 600, seed=2)
+    q = q[balls("cpu").distance(link_segments(robot, q), 0.05).amin(dim=(1, 2)) >= 0.02][:200].cuda()
+    found = ik.optimize_trajectory(robot, q[:100], q[100:], balls("cuda"), link_radius=0.05, velocity_max=2.0)
+    assert found.success.is_cuda
+    assert found.trajectory.coefficients.is_cuda
+    assert float(found.success.double().mean()) >= 0.9
+    here = ik.optimize_trajectory(robot, q[:100].cpu(), q[100:].cpu(), balls("cpu"), link_radius=0.05, velocity_max=2.0)
+    assert int((here.success != found.success.cpu()).sum()) <= 3

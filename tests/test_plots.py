@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import subprocess
 import sys
@@ -15,7 +16,8 @@ from PIL import Image
 
 import ikgrad as ik
 from ikgrad import plots
-from ikgrad.errors import DataError
+from ikgrad.collision import Capsules, Spheres
+from ikgrad.errors import ConfigError, DataError
 from ikgrad.plots import tubes
 
 LINKS = np.cumsum(np.random.default_rng(0).normal(size=(6, 3, 1, 3)), axis=1).repeat(2, axis=2)
@@ -35,6 +37,22 @@ def arm() -> object:
 T = np.linspace(0.0, 1.0, 40)
 WAY = np.stack([np.sin(6 * T), np.cos(6 * T), T], axis=1)
 RUNS = 10.0 ** -np.linspace([0, 0.5], [4, 6], 40)  # (E, S)
+
+
+def motions() -> dict[str, ik.Trajectory]:
+    ends = torch.tensor([[-0.8, 0.3, 0.0, -1.8, 0.0, 2.1, 0.8], [0.8, 0.3, 0.0, -1.8, 0.0, 2.1, 0.8]])
+    return {"line": ik.via_point_trajectory(ends, [0.0, 1.0], kind="quintic")}
+
+
+def among_obstacles() -> object:
+    ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
+    return plots.arm_motion(ik.load_robot("panda"), {**motions(), "again": motions()["line"]}, ball, poses=4)
+
+
+def among_poles() -> object:
+    pole = Capsules(torch.tensor([[[0.5, 0.0, 0.0], [0.5, 0.0, 0.5]]]), torch.tensor([0.06]))
+    return plots.arm_motion(ik.load_robot("panda"), motions(), pole, poses=3)
+
 
 FIGURES = {
     "convergence": lambda: plots.convergence(CURVES, threshold=1e-9, printed={"a": 50, "b": 80}),
@@ -76,6 +94,8 @@ FIGURES = {
         LINKS, predicted=LINKS + 0.1, touching=HITS, touching_predicted=~HITS, **BALL, title="sweep"
     ),
     "traces_of_one": lambda: plots.traces({"a": LINKS[:, 0, 0]}, panels=["x", "y", "z"], xlabel="time [s]"),
+    "arm_motion": among_obstacles,
+    "arm_motion_poles": among_poles,
 }
 
 
@@ -195,3 +215,33 @@ def test_an_animation_has_a_frame_an_instant_and_moves(tmp_path: Path):
 def test_traces_stand_where_they_are_told():
     figure = plots.traces({"a": LINKS[:, 0, 0]}, panels=["x", "y", "z"], xlabel="time [s]", x=np.arange(6) / 2)
     assert figure.axes[0].lines[0].get_xdata().tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]
+
+
+def test_links_that_touch_are_red_and_others_are_not():
+    def red(centre: float) -> float:
+        ball = Spheres(torch.tensor([[centre, 0.0, 0.6]]), torch.tensor([0.1]))
+        figure = plots.arm_motion(ik.load_robot("panda"), motions(), ball, link_radius=0.05)
+        image = np.asarray(Image.open(io.BytesIO(plots.to_png(figure))).convert("RGB"), dtype=float)
+        return ((image[..., 0] > 130) & (image[..., 1] < 45) & (image[..., 2] < 60)).mean()
+
+    assert red(0.5) > 0.002
+    assert red(1.2) < 1e-4
+
+
+def test_a_film_moves(tmp_path: Path):
+    ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
+    robot = ik.load_robot("panda")
+    path = plots.save_motion(robot, motions(), ball, tmp_path / "film.gif", frames=3, seconds=1.5, dpi=40)
+    with Image.open(path) as film:
+        assert film.n_frames == 3
+        assert film.info["duration"] == 500
+        first = np.asarray(film.convert("RGB"), dtype=float)
+        film.seek(2)
+        assert np.abs(np.asarray(film.convert("RGB"), dtype=float) - first).mean() > 1
+    with pytest.raises(DataError, match=r"unknown kind of file '\.mov' \(known: \.gif\)"):
+        plots.save_motion(robot, motions(), ball, tmp_path / "film.mov")
+    with pytest.raises(DataError, match="exists already"):
+        plots.save_motion(robot, motions(), ball, path, frames=1, dpi=30, force=False)
+    batch = {"two": ik.via_point_trajectory(torch.rand(2, 2, 7), [0.0, 1.0])}
+    with pytest.raises(ConfigError, match=r"must be a single trajectory, got a batch of shape \(2,\): take one row"):
+        plots.arm_motion(robot, batch, ball)

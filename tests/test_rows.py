@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import ikgrad as ik
+from ikgrad.collision import Spheres, clearance_residual
 
 FIELDS = ("q", "success", "reason_code", "position_error", "rotation_error", "steps")
 
@@ -51,6 +52,23 @@ def test_answers_do_not_depend_on_the_batch(goals: tuple[ik.Robot, torch.Tensor]
     for row in (0, 7, 50, 1999):
         alone = ik.solve_ik(robot, T[row], q0=None if q0 is None else q0[row], seed=5)
         assert same(alone, take(whole, torch.tensor(row)))
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e"])
+def test_answers_with_a_second_wish_do_not_depend_on_the_batch(name: str):
+    robot = ik.load_robot(name)
+    q = ik.sample_configurations(robot, 60, seed=3)
+    ball = Spheres(torch.tensor([[0.4, 0.1, 0.4], [-0.3, 0.3, 0.5]]).double(), torch.tensor([0.15, 0.15]).double())
+    wish = clearance_residual(robot, ball, margin=0.02, link_radius=0.05)
+    T = ik.forward_kinematics(robot, q)
+    whole = ik.solve_ik(robot, T, extra_residual=wish, seed=5)
+    assert bool((whole.steps > whole.steps.min()).any())
+    order = torch.randperm(60, generator=torch.Generator().manual_seed(0))
+    assert same(ik.solve_ik(robot, T[order], extra_residual=wish, seed=5), take(whole, order))
+    for size in (1, 7, 9):
+        rows = torch.arange(20, 20 + size)
+        assert same(ik.solve_ik(robot, T[rows], extra_residual=wish, seed=5), take(whole, rows))
+    assert same(ik.solve_ik(robot, T[4], extra_residual=wish, seed=5), take(whole, torch.tensor(4)))
 
 
 def test_answers_do_not_depend_on_the_threads(goals: tuple[ik.Robot, torch.Tensor]):

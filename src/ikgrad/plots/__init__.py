@@ -7,6 +7,7 @@ and Ito's, which people with any colour vision can tell apart; every axis names 
 from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
+from ikgrad.plots.motion import arm_motion, save_motion
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
 from ikgrad.plots.sweep import save_sweep, swept_arm
 from ikgrad.plots.tracking import closeups, curves_in_space, traces
@@ -14,6 +15,7 @@ from ikgrad.plots.training import learning_curves, performance, spread
 
 __all__ = [
     "PALETTE",
+    "arm_motion",
     "arm_path",
     "closeups",
     "comparison_bars",
@@ -25,6 +27,7 @@ __all__ = [
     "performance",
     "save_figure",
     "save_sweep",
+    "save_motion",
     "solve_summary",
     "spread",
     "styled",
