@@ -93,7 +93,7 @@ FIGURES = {
     "swept_arm": lambda: plots.swept_arm(
         LINKS, predicted=LINKS + 0.1, touching=HITS, touching_predicted=~HITS, **BALL, title="sweep"
     ),
-    "traces_of_one": lambda: plots.traces({"a": LINKS[:, 0, 0]}, panels=["x", "y", "z"], xlabel="time [s]"),
+    "traces_of_one": lambda: plots.traces({"a": LINKS[:, 0, 0]}, panels=["x [m]", "y [m]", "z [m]"], xlabel="time [s]"),
     "arm_motion": among_obstacles,
     "arm_motion_poles": among_poles,
 }

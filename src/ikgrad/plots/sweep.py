@@ -52,7 +52,7 @@ def swept_arm(
     """
     with styled():
         figure = new_figure((8.0, 6.2))
-        axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view)
+        axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view, 0.95)
         hand = links[:, -1, 1]
         axes.plot(*hand.T, color=FAINT, linewidth=1.0)
         _lines(axes, links, touching, TRUE, linewidth=2.2, alpha=0.75)
@@ -71,8 +71,8 @@ def save_sweep(
     centers: np.ndarray,
     radii: np.ndarray,
     unit: str = "m",
-    size: tuple[float, float] = (4.4, 3.6),
-    dpi: int = 70,
+    size: tuple[float, float] = (5.2, 3.9),
+    dpi: int = 80,
     frames_per_second: int = 15,
     view: tuple[float, float] = VIEW,
 ) -> Path:
@@ -103,9 +103,9 @@ def save_sweep(
     check_suffix(path, (".gif",))
     with styled():
         figure = new_figure(size)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)
         figure.subplots_adjust(left=0.0, right=1.0, bottom=0.04, top=1.0)
-        axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view)
+        axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view, 1.1)
         hand = links[:, -1, 1]
         (way,) = axes.plot([], [], [], color=FAINT, linewidth=1.0)
         arms: list[Any] = []
@@ -126,16 +126,26 @@ def save_sweep(
 
 
 def _space(
-    figure: Figure, xyz: np.ndarray, centers: np.ndarray, radii: np.ndarray, unit: str, view: tuple[float, float]
+    figure: Figure,
+    xyz: np.ndarray,
+    centers: np.ndarray,
+    radii: np.ndarray,
+    unit: str,
+    view: tuple[float, float],
+    zoom: float,
 ) -> Any:
     """Axes of equal scale that hold all points and spheres, with the spheres in them."""
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.add_subplot(projection="3d")
     low = np.minimum(xyz.min(axis=0), (centers - radii[:, None]).min(axis=0))
     high = np.maximum(xyz.max(axis=0), (centers + radii[:, None]).max(axis=0))
     pad = 0.03 * (high - low).max()
     low, high = low - pad, high + pad
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=0.95)
+    axes.set_box_aspect(high - low, zoom=zoom)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(4))
     axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]", zlabel=f"z [{unit}]")
     axes.view_init(*view)
     turn, tilt = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
