@@ -5,6 +5,7 @@ from __future__ import annotations
 from ikgrad.data.configurations import sample_configurations
 from ikgrad.data.dataset import DataSet, generate
 from ikgrad.data.schemes import SCHEMES, Cube, Helix, JointBox, Samples, Scheme, SmoothPath
+from ikgrad.data.stream import TaskStream
 
 __all__ = [
     "SCHEMES",
@@ -15,6 +16,7 @@ __all__ = [
     "Samples",
     "Scheme",
     "SmoothPath",
+    "TaskStream",
     "generate",
     "sample_configurations",
 ]
