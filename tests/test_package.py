@@ -22,6 +22,7 @@ LAYERS = [
     {"solvers", "collision", "data", "files"},
     {"networks", "planning"},
     {"training", "export"},
+    {"evaluation"},
     {"papers", "plots", "bench"},
     {"cli"},
 ]

@@ -157,7 +157,8 @@ def damped_rows(
             _next_step(J, (e0, e1, e2, e3, e4, e5), mu, q, q_min, q_max, slide, length, max_step, step)
             if turn < steps:
                 for j in range(n):
-                    store(q, j * W, load(q, j * W) + load(step, j * W))
+                    new = load(q, j * W) + load(step, j * W)  # rounding may pass the limit by the last digit
+                    store(q, j * W, select(new > q_max[j], q_max[j], select(new < q_min[j], q_min[j], new)))
         _leave(q, q_out, row, last, n, rest)
         _leave(step, ahead, row, last, n, rest)
         _leave(seen, errors, row, last, 6, rest)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from ikgrad.networks.encodings import ENCODINGS, encode_pose
 from ikgrad.networks.inverter import Inverter
+from ikgrad.networks.local import IncrementInverter, UnrolledInverter
 from ikgrad.networks.mlp import ACTIVATIONS, MLP, Activation
+from ikgrad.networks.residual import ResidualMLP
 from ikgrad.networks.scaling import MinMax
 from ikgrad.networks.storage import load_inverter, save_inverter
 
@@ -12,9 +14,12 @@ __all__ = [
     "ACTIVATIONS",
     "ENCODINGS",
     "Activation",
+    "IncrementInverter",
     "Inverter",
     "MLP",
     "MinMax",
+    "ResidualMLP",
+    "UnrolledInverter",
     "encode_pose",
     "load_inverter",
     "save_inverter",

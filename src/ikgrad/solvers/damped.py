@@ -120,7 +120,7 @@ def _plain(robot: Robot, T: Tensor, q: Tensor, steps: int, damping: float, max_s
         step = _step(J, e, q, low, high, damping, max_step) * unit
         step = (q + step).clamp(low, high) - q
         if turn < steps:
-            q = q + step
+            q = (q + step).clamp(low, high)
     R, halves = pose[:, :3, :3], e.unflatten(-1, (2, 3))
     error = (R.mT[:, None] @ halves[..., None])[..., 0].flatten(1)
     slope = torch.stack([(J[:, 3 * i : 3 * i + 3].mT @ halves[:, i, :, None])[..., 0] for i in (0, 1)], dim=1)
