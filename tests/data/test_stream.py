@@ -27,7 +27,7 @@ def test_rows_are_inside_the_limits_and_within_the_spread(robot: ik.Robot, sprea
     assert bool(((q_current >= low) & (q_current <= high)).all())
     assert bool(((q >= robot.q_min) & (q <= robot.q_max)).all())
     torch.testing.assert_close(ik.forward_kinematics(robot, q), T, rtol=0, atol=1e-12)
-    move = (q - q_current).abs() / torch.where(robot.revolute, 1.0, typical_length(robot))
+    move = (q - q_current).abs() / torch.ones(robot.dof).double().masked_fill(~robot.revolute, typical_length(robot))
     if spread is None:
         assert float(move.max()) > 1.0 or not robot.revolute.any()
     else:

@@ -102,8 +102,8 @@ class TaskStream:
 
     def _around(self, q: Tensor) -> tuple[Tensor, Tensor]:
         assert self.spread is not None
-        turns = self.robot.revolute.to("cpu")
-        reach = torch.where(turns, self.spread, self.spread * typical_length(self.robot)).to(q)
+        slides = ~self.robot.revolute.to("cpu")
+        reach = torch.full_like(q[0], self.spread).masked_fill(slides, self.spread * typical_length(self.robot))
         q_min, q_max = (limit.to("cpu", torch.float64) for limit in (self.robot.q_min, self.robot.q_max))
         return torch.maximum(q - reach, q_min), torch.minimum(q + reach, q_max)
 

@@ -64,7 +64,7 @@ class IncrementInverter(nn.Module):
         zero, one = torch.zeros_like(low), torch.ones_like(low)
         self.register_buffer("middle", torch.where(limited, (low + high) / 2, zero), persistent=False)
         self.register_buffer("span", torch.where(limited, (high - low) / 2, one).clamp(min=1e-6), persistent=False)
-        unit = torch.where(slides, typical_length(robot), 1.0).double()  # of a joint's change, as the network says it
+        unit = one.masked_fill(slides.cpu(), typical_length(robot))  # of a joint's change, as the network says it
         self.register_buffer("unit", unit, persistent=False)
         inputs, outputs = self._sizes(2 * int(robot.revolute.sum()) + int(self._seen.sum()))
         self.network = ResidualMLP(inputs, outputs, width=width, depth=depth, activation=activation, seed=seed)
@@ -94,7 +94,7 @@ class IncrementInverter(nn.Module):
         start = q_current.expand(*lead, -1).reshape(-1, self.robot.dof).double()
         q = self.iterates(rows, start)[-1]
         q = torch.minimum(torch.maximum(q, self.robot.q_min.to(q)), self.robot.q_max.to(q))
-        return q.reshape(*lead, -1).to(T.dtype)
+        return q.reshape(*lead, self.robot.dof).to(T.dtype)
 
     def iterates(self, T: Tensor, q_current: Tensor) -> list[Tensor]:
         """The answer of every round, not yet clamped to the limits: what a training judges.
@@ -175,7 +175,7 @@ class UnrolledInverter(IncrementInverter):
         >>> robot = ik.load_robot("panda")
         >>> T, _, q_current = ik.data.TaskStream(robot, batch_size=6).batch(0)
         >>> [tuple(q.shape) for q in UnrolledInverter(robot).iterates(T, q_current)]
-        [(6, 7), (6, 7), (6, 7)]
+        [(6, 7), (6, 7), (6, 7), (6, 7)]
     """
 
     family: ClassVar[str] = "unrolled"
@@ -184,7 +184,7 @@ class UnrolledInverter(IncrementInverter):
         self,
         robot: Robot,
         *,
-        rounds: int = 3,
+        rounds: int = 4,
         damping: float = DAMPING,
         width: int = 128,
         depth: int = 2,

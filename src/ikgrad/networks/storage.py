@@ -1,7 +1,7 @@
 """Inverters on disk: a folder with ``model.safetensors`` and ``config.json``, and every reason to refuse one.
 
 The configuration says what the weights are for: the robot by name, fingerprint, joints, base and tip; units and
-features; sizes and activations; the checksum of the weights file; and the versions that wrote it.
+features; the family, and its sizes and activations; the checksum of the weights file; and the versions that wrote it.
 """
 
 from __future__ import annotations
@@ -21,16 +21,23 @@ import torch
 from ikgrad import __version__
 from ikgrad.errors import DataError, RobotError, UnknownNameError
 from ikgrad.networks.inverter import Inverter
+from ikgrad.networks.local import IncrementInverter, UnrolledInverter
 from ikgrad.robot import Robot, load_robot
 
 WEIGHTS, CONFIG = "model.safetensors", "config.json"
 FORMAT = "ikgrad inverter 1"
 _KEYS = ("format", "robot", "units", "features", "network", "weights_sha256", "versions")
 _ROBOT_KEYS = ("name", "fingerprint", "joint_names", "base", "tip", "q_min", "q_max")
-_NETWORK_KEYS = ("feedback", "hidden", "activation", "encoding", "bounded", "dtype")
+_CLASSIC = "classic"  # also of folders that were written before there was another family
+_FAMILIES: dict[str, tuple[type, tuple[str, ...]]] = {
+    _CLASSIC: (Inverter, ("feedback", "hidden", "activation", "encoding", "bounded", "dtype")),
+    IncrementInverter.family: (IncrementInverter, ("width", "depth", "activation")),
+    UnrolledInverter.family: (UnrolledInverter, ("rounds", "damping", "width", "depth", "activation")),
+}
+AnyInverter = Inverter | IncrementInverter
 
 
-def save_inverter(inverter: Inverter, folder: str | Path, *, force: bool = False) -> Path:
+def save_inverter(inverter: AnyInverter, folder: str | Path, *, force: bool = False) -> Path:
     """Write an inverter; the folder appears whole or not at all.
 
     Args:
@@ -70,8 +77,8 @@ def save_inverter(inverter: Inverter, folder: str | Path, *, force: bool = False
     return folder
 
 
-def load_inverter(path: str | Path, *, robot: Robot | None = None) -> Inverter:
-    """Read an inverter that `Inverter.save` wrote, for the very robot that it was trained for.
+def load_inverter(path: str | Path, *, robot: Robot | None = None) -> AnyInverter:
+    """Read an inverter of any family that its ``save`` wrote, for the very robot that it was trained for.
 
     Args:
         path: the folder.
@@ -86,22 +93,29 @@ def load_inverter(path: str | Path, *, robot: Robot | None = None) -> Inverter:
     robot = _builtin_robot(path, config["robot"]) if robot is None else robot
     _compare(path, config["robot"], robot)
     state = _read_weights(path / WEIGHTS, config["weights_sha256"])
-    settings = dict(config["network"])
     try:
-        dtype = getattr(torch, settings.pop("dtype"))
-        inverter = Inverter(robot, dtype=dtype, **settings)
+        inverter = _make(robot, config)
         if list(inverter.feature_names) != config["features"]:
             raise ValueError("features of other names")
         inverter.load_state_dict(state)
     except (ValueError, TypeError, AttributeError, LookupError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise DataError(f"{path}: the weights do not fit the configuration: {reason}") from error
-    inverter._find_reference = False
+    if isinstance(inverter, Inverter):
+        inverter._find_reference = False
     return inverter
 
 
-def _describe(inverter: Inverter) -> dict[str, Any]:
-    robot, network = inverter.robot, inverter.network
+def _make(robot: Robot, config: Mapping[str, Any]) -> AnyInverter:
+    """An inverter of the stored shape; whatever is wrong with the settings comes out as an error of its own."""
+    settings = dict(config["network"])
+    if "dtype" in settings:
+        settings["dtype"] = getattr(torch, settings["dtype"])
+    return _FAMILIES[config.get("family", _CLASSIC)][0](robot, **settings)
+
+
+def _describe(inverter: AnyInverter) -> dict[str, Any]:
+    robot = inverter.robot
     return {
         "format": FORMAT,
         "robot": {
@@ -115,15 +129,21 @@ def _describe(inverter: Inverter) -> dict[str, Any]:
         },
         "units": {"position": "m", "angle": "rad"},
         "features": list(inverter.feature_names),
-        "network": {
-            "feedback": inverter.feedback,
-            "hidden": list(network.sizes[1:-1]),
-            "activation": network.hidden,
-            "encoding": inverter.encoding,
-            "bounded": inverter.bounded,
-            "dtype": str(inverter.dtype).removeprefix("torch."),
-        },
+        "family": _CLASSIC if isinstance(inverter, Inverter) else inverter.family,
+        "network": _classic_settings(inverter) if isinstance(inverter, Inverter) else inverter.settings(),
         "versions": {"ikgrad": __version__, "torch": torch.__version__, "python": platform.python_version()},
+    }
+
+
+def _classic_settings(inverter: Inverter) -> dict[str, Any]:
+    network = inverter.network
+    return {
+        "feedback": inverter.feedback,
+        "hidden": list(network.sizes[1:-1]),
+        "activation": network.hidden,
+        "encoding": inverter.encoding,
+        "bounded": inverter.bounded,
+        "dtype": str(inverter.dtype).removeprefix("torch."),
     }
 
 
@@ -141,7 +161,11 @@ def _read_config(path: Path) -> dict[str, Any]:
         raise DataError(f"{path}: is not JSON; the inverter's metadata are damaged") from error
     if not isinstance(config, dict) or config.get("format") != FORMAT:
         raise DataError(f"{path}: is no inverter of this version of ikgrad (wanted: format '{FORMAT}')")
-    for part, keys in ((config, _KEYS), (config.get("robot"), _ROBOT_KEYS), (config.get("network"), _NETWORK_KEYS)):
+    family = config.get("family", _CLASSIC)
+    if family not in _FAMILIES:
+        raise DataError(f"{path}: unknown family '{family}' of inverters (known: {', '.join(_FAMILIES)})")
+    wanted = _FAMILIES[family][1]
+    for part, keys in ((config, _KEYS), (config.get("robot"), _ROBOT_KEYS), (config.get("network"), wanted)):
         missing = keys if not isinstance(part, Mapping) else [key for key in keys if key not in part]
         if missing:
             raise DataError(f"{path}: the metadata lack {', '.join(missing)}; the weights cannot be trusted without")

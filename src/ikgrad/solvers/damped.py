@@ -110,8 +110,8 @@ def _plain(robot: Robot, T: Tensor, q: Tensor, steps: int, damping: float, max_s
     """The same in torch operations alone; also what the kernel is tested against."""
     length, T = typical_length(robot), T.to(q)
     low, high = robot.q_min.to(q), robot.q_max.to(q)
-    unit = torch.where(robot.revolute.to(q.device), 1.0, length).to(q)  # of a variable, in rad or m
-    shrink = torch.tensor([1 / length] * 3 + [1.0] * 3).to(q)
+    unit = torch.ones_like(low).masked_fill(~robot.revolute.to(q.device), length)  # of a variable, in rad or m
+    shrink = q.new_tensor([1 / length] * 3 + [1.0] * 3)
     q = q.clamp(low, high)
     for turn in range(steps + 1):
         pose, J = pose_and_jacobian(robot, q)
