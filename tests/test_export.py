@@ -16,6 +16,7 @@ import ikgrad as ik
 from ikgrad.cli.main import main
 from ikgrad.export import Refined, export_inverter, read_metadata
 from ikgrad.export.refined import solve_spd
+from ikgrad.networks import UnrolledInverter
 from ikgrad.resources import builtin_file
 
 
@@ -176,6 +177,11 @@ def test_mistakes(tmp_path, name, steps, error, text):
     with pytest.raises(error, match=text):
         export_inverter(make(), tmp_path / name, steps=steps)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_families_with_compiled_steps_are_refused(tmp_path):
+    with pytest.raises(ik.ConfigError, match="family 'unrolled' cannot be exported: its steps are compiled kernels"):
+        export_inverter(UnrolledInverter(ik.load_robot("arm4")), tmp_path / "a.onnx")
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript"])

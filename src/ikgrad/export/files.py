@@ -21,7 +21,8 @@ from ikgrad.errors import ConfigError, DataError
 from ikgrad.export.refined import Refined
 from ikgrad.files.places import check_output, in_one_move
 from ikgrad.kinematics import forward_kinematics
-from ikgrad.networks import Inverter
+from ikgrad.networks import IncrementInverter, Inverter
+from ikgrad.networks.storage import AnyInverter
 
 FORMAT = "ikgrad export 1"
 SUFFIXES = (".onnx", ".pt2")
@@ -37,7 +38,9 @@ class Exported(NamedTuple):
     difference: float | None  # [rad or m] largest difference of joints between the file and torch; None: not looked
 
 
-def export_inverter(inverter: Inverter, path: str | Path, *, steps: int | None = None, force: bool = False) -> Exported:
+def export_inverter(
+    inverter: AnyInverter, path: str | Path, *, steps: int | None = None, force: bool = False
+) -> Exported:
     """Write an inverter as one file: scaling, and if wanted damped steps and the check, inside the graph.
 
     Inputs are ``T`` (batch, 4, 4), and ``q_current`` (batch, n) for a feedback inverter; the output ``q`` is
@@ -55,7 +58,8 @@ def export_inverter(inverter: Inverter, path: str | Path, *, steps: int | None =
         Path, metadata, and the largest difference.
 
     Raises:
-        ConfigError: ``steps`` is negative, or packages are missing.
+        ConfigError: ``steps`` is negative, packages are missing, or the inverter is of a family whose steps are
+            compiled kernels.
         DataError: the file exists or cannot be written, or what was written computes something else.
 
     Example:
@@ -72,6 +76,10 @@ def export_inverter(inverter: Inverter, path: str | Path, *, steps: int | None =
     path = check_output(path, SUFFIXES, force=force)
     if steps is not None and steps < 0:
         raise ConfigError(f"steps must not be negative, got {steps}")
+    if isinstance(inverter, IncrementInverter):
+        raise ConfigError(
+            f"an inverter of family '{inverter.family}' cannot be exported: its steps are compiled kernels"
+        )
     module = (inverter if steps is None else Refined(inverter, steps=steps)).eval()
     metadata = _describe(inverter, steps)
     with in_one_move(path, force=force) as temporary:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import torch
 
@@ -118,7 +118,7 @@ class Run:
         """The result of a run that ended before."""
         report = folder.report()
         models = folder.models(self.config.members)
-        inverters = tuple(load_inverter(path, robot=self.robot) for path in models)
+        inverters = cast(tuple[Inverter, ...], tuple(load_inverter(path, robot=self.robot) for path in models))
         members = tuple(member_from_json(values) for values in report["members"])
         curves = tuple(folder.curves(len(members)))
         return TrainResult(self.config, inverters, members, curves, report["seconds"], folder.path)
