@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from ikgrad.config import AppsConfig, load_config
-from ikgrad.errors import ConfigError
-from ikgrad.resources import builtin_file
+from ikgrad.config import AppsConfig, TrainConfig, load_config
+from ikgrad.config.loading import describe_keys
+from ikgrad.config.training import train_config
+from ikgrad.errors import ConfigError, UnknownNameError
+from ikgrad.resources import builtin_file, find_config
 
 
 @pytest.fixture
@@ -77,3 +79,86 @@ def test_settings_cannot_be_changed():
 def test_reading_settings_does_not_import_torch():
     code = "import sys, ikgrad.config; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+# ---------------------------------------------------------------- settings of a training
+
+
+def test_options_win_over_the_file(written):
+    path = written("robot: panda\nhidden: [5]\nlr: 0.1\ndata: {scheme: cube, count: 10, half_width: 0.03}\n")
+    config = train_config(path, {"hidden": [20, 20], "lr": None, "data": {"count": 30}})
+    assert config == TrainConfig(
+        robot="panda", hidden=(20, 20), data={"scheme": "cube", "count": 30, "half_width": 0.03}
+    )
+    assert train_config(path, {"data": {"scheme": "helix"}}).data == {"scheme": "helix"}
+    assert train_config(path, {"data": "mine.safetensors"}).data == "mine.safetensors"
+
+
+def test_settings_survive_a_round_trip_through_yaml(written):
+    config = TrainConfig(
+        robot="arm.urdf",
+        tip="0",
+        hidden=(20, 10),
+        lr=1e-5,
+        data={"scheme": "helix", "centre": (0.1, 0.2, 1e-17)},
+        optimizer="Adam",
+        optimizer_options={"betas": [0.8, 0.99]},
+        batch_size=7,
+    )
+    again = load_config(TrainConfig, written(config.to_yaml()))
+    assert again.to_yaml() == config.to_yaml()
+    assert again.tip == "0"
+    assert again.data["centre"] == [0.1, 0.2, 1e-17]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"hiden": [3]}, "options: unknown key 'hiden'; did you mean 'hidden'\\? \\(known: robot, base,"),
+        ({"hidden": 20}, "options: key 'hidden' must be of type tuple\\[int, ...\\], got 20"),
+        ({"hidden": [2.5]}, "key 'hidden' must be of type tuple"),
+        ({"hidden": []}, "hidden must be one or more positive numbers, got \\[\\]"),
+        ({"hidden": [20, 0]}, "hidden must be one or more positive numbers, got \\[20, 0\\]"),
+        ({"robot": None}, "key 'robot' must be of type str, got None"),
+        ({"robot": ""}, "robot must be the name of a built-in robot or the path of a URDF file, got nothing"),
+        ({"feedback": "maybe"}, "key 'feedback' must be of type bool, got 'maybe'"),
+        ({"batch_size": 0}, "batch_size must be at least 1, got 0"),
+        ({"batch_size": 10}, "batch_size must be null: levenberg_marquardt takes all rows at once, got 10"),
+        ({"epochs": -1}, "epochs must be at least 1, got -1"),
+        ({"members": 0}, "members must be at least 1, got 0"),
+        ({"patience": 0}, "patience must be at least 1, got 0"),
+        ({"seed": -1}, "seed must be from 0 to 2\\^63 - 1, got -1"),
+        ({"lr": 0}, "lr must be positive and finite, got 0"),
+        ({"lr": float("nan")}, "lr must be positive and finite, got nan"),
+        ({"lr": "fast"}, "key 'lr' must be of type float | None, got 'fast'"),
+        ({"loss": "pose"}, "key 'loss' must be of type Literal\\['joint'\\], got 'pose'"),
+        ({"dtype": "float16"}, "key 'dtype' must be of type Literal"),
+        ({"device": "gpu"}, "device must be cpu, cuda or cuda:N, got 'gpu'"),
+        ({"data": 3}, "key 'data' must be of type str | dict"),
+        ({"data": {"scheme": "cube"}, "optimizer_options": [1]}, "key 'optimizer_options' must be of type dict"),
+    ],
+)
+def test_wrong_settings_of_a_training_are_refused(options, message):
+    with pytest.raises(ConfigError, match=message):
+        train_config({"robot": "panda"}, options)
+
+
+def test_keys_of_a_scheme_need_a_scheme(written):
+    with pytest.raises(ConfigError, match="key 'data' must name a 'scheme', or change keys of one"):
+        train_config({"robot": "panda", "data": "mine.safetensors"}, {"data": {"count": 3}})
+    with pytest.raises(ConfigError, match="data must be the path of a data set or name a 'scheme'"):
+        train_config({"robot": "panda", "data": {"count": 3}}, {})
+
+
+def test_every_key_of_a_training_is_described():
+    assert list(describe_keys(TrainConfig)) == [field.name for field in dataclasses.fields(TrainConfig)]
+
+
+@pytest.mark.parametrize("name", ["denso_feedback", "denso_traditional"])
+def test_built_in_trainings_are_found_by_name(name: str):
+    assert load_config(TrainConfig, find_config(name)).robot == "denso_vp6242"
+
+
+def test_an_unknown_built_in_name_is_refused():
+    with pytest.raises(UnknownNameError, match="unknown configuration 'denso_fedback'; did you mean 'denso_feedback'"):
+        find_config("denso_fedback")

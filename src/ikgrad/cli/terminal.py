@@ -163,7 +163,8 @@ class Progress:
         if self.done <= self._skipped:
             return "starting"
         left = (self.total - self.done) / self.rate
-        return f"{self.rate:,.0f} {self.unit}/s, {duration(left)} left"
+        rate = f"{self.rate:,.0f}" if self.rate >= 10 else f"{self.rate:.2g}"
+        return f"{rate} {self.unit}/s, {duration(left)} left"
 
 
 def duration(seconds: float) -> str:

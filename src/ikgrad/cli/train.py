@@ -107,11 +107,14 @@ def _settings(args: argparse.Namespace) -> tuple[TrainConfig, Path]:
 @contextlib.contextmanager
 def _progress(config: TrainConfig, out: Path) -> Iterator[Callable[[TrainProgress], None]]:
     """A function to be called between epochs; Ctrl-C waits for it, so that the checkpoint is whole."""
-    with Progress("train", 0, "epochs") as progress, stop_between_steps() as stop_if_asked:
+    begun = False
+    with Progress("train", config.epochs, "epochs") as progress, stop_between_steps() as stop_if_asked:
 
         def show(now: TrainProgress) -> None:
-            if progress.total == 0:  # the first call may be in the middle of a resumed run
+            nonlocal begun
+            if not begun:  # maybe in the middle of a resumed run
                 progress.skip(now.done - 1)
+                begun = True
             losses = f"loss {now.train:.3g}"
             if now.validation is not None:
                 losses += f", validation {now.validation:.3g}"

@@ -130,7 +130,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
         ['seed was 1, is 3']
     """
     then, now = json.loads(json.dumps(dict(before))), json.loads(json.dumps(dict(now)))
-    names = sorted({*then, *now})
+    names = dict.fromkeys([*now, *then])
     return [
         f"{name} was {_show(then.get(name))}, is {_show(now.get(name))}"
         for name in names

@@ -103,7 +103,7 @@ class Inverter(nn.Module):
         """
         self._check(T, q_current)
         check_q(self.robot, q)
-        _check_data(T, q)
+        _check_data(T, q, q_current)
         if self._find_reference:
             self.reference.copy_(_mean_pose(T.reshape(-1, 4, 4)))
         _fit_scale(self.input_scale, self.features(T, q_current))
@@ -218,13 +218,13 @@ class Inverter(nn.Module):
                 )
 
 
-def _check_data(T: Tensor, q: Tensor) -> None:
+def _check_data(T: Tensor, q: Tensor, q_current: Tensor | None) -> None:
     if T.shape[:-2] != q.shape[:-1]:
         raise ShapeError(f"T and q must have the same rows, got {tuple(T.shape)} and {tuple(q.shape)}")
     if T.numel() == 0:
         raise DataError("the data set is empty; there is nothing to learn from")
-    for name, data in (("T", T), ("q", q)):
-        if not data.isfinite().all():
+    for name, data in (("T", T), ("q", q), ("q_current", q_current)):
+        if data is not None and not data.isfinite().all():
             place = (~data.isfinite()).nonzero()[0].tolist()
             raise DataError(f"{name}{place} is {data[tuple(place)].item()}; the data must be finite")
 

@@ -81,7 +81,7 @@ class Batches:
         orders = self.orders(1)
         if orders is None:
             return self.x, self.y
-        order = orders[0]
+        order = orders[0].to(self.x.device)
         if len(order) == 1:
             return self.x[..., order[0], :], self.y[..., order[0], :]
         return self.x.take_along_dim(order[..., None], -2), self.y.take_along_dim(order[..., None], -2)

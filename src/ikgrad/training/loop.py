@@ -81,6 +81,7 @@ class Training:
         self.best_epoch = torch.zeros(members or 1, dtype=torch.int64)
         self.diverged_at = torch.zeros(members or 1, dtype=torch.int64)  # epoch; 0: it has not
         self.stopped = torch.zeros(members or 1, dtype=torch.bool)
+        self._lost_step = 0  # the first whose loss was not finite, for some network
         self._failures = torch.zeros(members or 1, dtype=torch.int64)
         self._best = [parameter.detach().clone() for parameter in network.parameters()]
         self._step = self._choose_step()
@@ -117,15 +118,20 @@ class Training:
         if self.engine == "auto" and self._is_plain() and compiled.serves(self):
             self.epoch += compiled.run(self, until - self.epoch)
             return
-        for x, y in self.data.epoch():
-            self._step(x, y)
+        for k, (x, y) in enumerate(self.data.epoch()):
+            try:
+                loss = self._step(x, y)
+            except TrainingError as error:  # from the optimizer, which does not know how far we are
+                raise self._lost(f"epoch {self.epoch + 1}: {error}") from error
+            if loss is not None and not self._lost_step and not loss.isfinite().all():
+                self._lost_step = self.epoch * self.data.steps + k + 1
         self.epoch += 1
 
     def mean_squared_error(self, data: Batches) -> Tensor:
         """(S,) mean squares of the objective over some data, S = 1 for a single network."""
         with torch.no_grad():
             r = self.objective(self.network, data.x, data.y).double()
-            return r.square().mean((-2, -1)) if self._stacked else r.square().mean()[None]
+            return (r.square().mean((-2, -1)) if self._stacked else r.square().mean()[None]).cpu()
 
     def restore_best(self) -> None:
         """Put the best weights of every network back."""
@@ -135,7 +141,7 @@ class Training:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a training needs to go on as if it had never stopped."""
-        progress = ("epoch", "best_loss", "best_epoch", "diverged_at", "stopped", "_failures", "_best")
+        progress = ("epoch", "best_loss", "best_epoch", "diverged_at", "stopped", "_failures", "_best", "_lost_step")
         return {
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -152,7 +158,7 @@ class Training:
         self.history = History(**state["history"])
         vars(self).update(state["progress"])
 
-    def _choose_step(self) -> Callable[[Tensor, Tensor], None]:
+    def _choose_step(self) -> Callable[[Tensor, Tensor], Tensor | None]:
         if getattr(self.optimizer, "wants_residuals", False):
             return self._residual_step
         if (
@@ -175,17 +181,18 @@ class Training:
         self.network.backpropagate(x, y)  # type: ignore[operator]
         self.optimizer.step()
 
-    def _autograd_step(self, x: Tensor, y: Tensor) -> None:
+    def _autograd_step(self, x: Tensor, y: Tensor) -> Tensor | None:
         def closure() -> Tensor:
             self.optimizer.zero_grad()
             loss = self._loss(self.objective(self.network, x, y))
             loss.backward()
             return loss
 
-        self.optimizer.step(closure)  # type: ignore[arg-type]
+        loss: Tensor | None = self.optimizer.step(closure)  # type: ignore[arg-type, assignment]
+        return loss
 
-    def _residual_step(self, x: Tensor, y: Tensor) -> None:
-        self.optimizer.step(lambda: self.objective(self.network, x, y))  # type: ignore[arg-type, return-value]
+    def _residual_step(self, x: Tensor, y: Tensor) -> Tensor:
+        return self.optimizer.step(lambda: self.objective(self.network, x, y))  # type: ignore[arg-type, return-value]
 
     def _loss(self, r: Tensor) -> Tensor:
         if self.reduction == "sum":
@@ -218,12 +225,14 @@ class Training:
         lost = ~train.isfinite()
         self.diverged_at[lost & (self.diverged_at == 0)] = self.epoch
         if lost.all():
-            self.restore_best()
-            kept = self.best_epoch.tolist() if self._stacked else self.best_epoch.item()
-            raise TrainingError(
-                f"the loss is not finite after epoch {self.epoch}; the weights are those of epoch {kept}. "
-                "Try a smaller learning rate"
-            )
+            first = f" (first at step {self._lost_step})" if self._lost_step else ""
+            raise self._lost(f"the loss is not finite after epoch {self.epoch}{first}", ". Try a smaller learning rate")
+
+    def _lost(self, what: str, advice: str = "") -> TrainingError:
+        """The best weights are back; say of which epochs they are."""
+        self.restore_best()
+        kept = self.best_epoch.item() if len(self.best_epoch) == 1 else self.best_epoch.tolist()
+        return TrainingError(f"{what}; the weights are those of epoch {kept}{advice}")
 
 
 __all__ = ["Objective", "Training", "difference"]

@@ -12,7 +12,7 @@ from ikgrad.errors import ConfigError
 _COPIES = 6  # of the weights: weights, gradient, best, the inverters' own, two of the optimizer
 _MATRICES = 3  # of Levenberg-Marquardt: J^T J, its factor, and what a product needs
 _PIECE = 16_000_000 * 8  # bytes of a piece of J, see `ikgrad.optim.layer_blocks`
-_PASSES = 4  # of the activations: forward, backward, and what autograd keeps
+_STEP, _LOOK = 3, 2  # of all activations: for a batch, forward and backward; for all rows, to take the errors
 GIB = 2**30
 
 
@@ -46,15 +46,15 @@ def check_memory(
     Example:
         >>> need = check_memory((6, 10, 6), rows=4000, batch_size=None, members=1, item=8,
         ...                     optimizer="levenberg_marquardt", available=None)
-        >>> need["J^T J of 136 weights"]
-        18382784
+        >>> list(need)
+        ['136 weights', '4,000 rows of data', 'activations of 4,000 rows', 'J^T J of 136 weights']
     """
     weights = sum((a + 1) * b for a, b in pairwise(sizes))
     batch = min(batch_size or rows, rows)
     need = {
         f"{weights:,} weights": _COPIES * weights * members * item,
         f"{rows:,} rows of data": rows * members * 4 * 8 * (16 + sizes[0] + sizes[-1]),
-        f"a batch of {batch:,} rows": _PASSES * batch * sum(sizes) * members * item,
+        f"activations of {rows:,} rows": max(_STEP * batch, _LOOK * rows) * sum(sizes) * members * item,
     }
     if optimizer == "levenberg_marquardt":
         piece = min(_PIECE, batch * sizes[-1] * weights * members * item)
@@ -62,7 +62,8 @@ def check_memory(
     total = sum(need.values())
     if available is not None and total > available:
         largest = max(need, key=lambda part: need[part])
-        advice = "fewer hidden units" if "weights" in largest else "fewer rows"
+        advice = "fewer rows" if largest.endswith("data") else "fewer hidden units"
+        advice += " or rows" if largest.startswith("activations") else ""
         advice += ", or another optimizer such as Adam" if largest.startswith("J^T J") else ""
         network = "-".join(map(str, sizes)) + (f", {members} members" if members > 1 else "")
         raise ConfigError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import platform
 import time
 from collections.abc import Callable, Sequence
@@ -17,9 +16,10 @@ import torch
 from ikgrad import __version__
 from ikgrad.config import TrainConfig
 from ikgrad.data import DataSet
-from ikgrad.errors import ConfigError, TrainingError
+from ikgrad.errors import ConfigError, DataError, TrainingError
 from ikgrad.networks import Inverter, load_inverter
 from ikgrad.robot import Robot, load_robot
+from ikgrad.training.events import Events, require_tensorboard
 from ikgrad.training.inverters import InverterTraining
 from ikgrad.training.loop import Training
 from ikgrad.training.losses import LOSSES
@@ -31,7 +31,7 @@ from ikgrad.training.run_folder import FINISHED, FORMAT, RunFolder
 from ikgrad.training.sources import load_data, planned_rows
 from ikgrad.training.threads import one_thread
 
-_SMALL = 20_000  # weights; below, one thread is faster than several
+_SMALL, _SMALL_SQUARE = 100_000, 1000  # weights; below, one thread is faster than several, or as fast (J^T J)
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ class Run:
     ):
         self.config, self.progress = config, progress
         self.robot = load_robot(config.robot, base=config.base, tip=config.tip) if robot is None else robot
+        if config.tensorboard:
+            require_tensorboard()
         make = make_optimizer(config.optimizer, lr=config.lr, options=config.optimizer_options)
         _check_device(config)
         together = config.members if side_by_side(config.optimizer) else 1
@@ -87,6 +89,7 @@ class Run:
         self.sets, self.inverters = sets, tuple(inverters)
         self.manifest = self._manifest()
         self.folder: RunFolder | None = None
+        self.events: Events | None = None
         self._before = 0.0  # seconds of the parts that were cut off
         self._start = self._saved = time.perf_counter()
 
@@ -98,21 +101,29 @@ class Run:
             self._before = state["seconds"]
             for training, saved in zip(self.trainings, state["trainings"], strict=True):
                 training.training.load_state_dict(saved)
+        if self.config.tensorboard:
+            self.events = Events(folder.events, self.config.seeds, self._curves())
         return state is None and resume and folder.report()["state"] == FINISHED
 
     def complete(self, checkpoint_seconds: float) -> TrainResult:
         """Train to the end."""
         weights = sum(parameter.numel() for parameter in self.inverters[0].network.parameters())
-        small = self.config.device == "cpu" and weights < _SMALL
+        limit = _SMALL_SQUARE if self.config.optimizer == "levenberg_marquardt" else _SMALL
+        small = self.config.device == "cpu" and weights < limit
         self._start = self._saved = time.perf_counter()
-        with one_thread() if small else contextlib.nullcontext():
-            for k, training in enumerate(self.trainings):
-                try:
-                    training.run(self.config.epochs, after_epoch=partial(self._look, k, checkpoint_seconds))
-                except TrainingError as error:
-                    raise self._failed(training, error) from error
-                training.finish(best=True)
-            return self._finish(FINISHED)
+        with one_thread() if small else contextlib.nullcontext(), contextlib.ExitStack() as stack:
+            if self.events is not None:
+                stack.callback(self.events.close)
+            return self._train(checkpoint_seconds)
+
+    def _train(self, checkpoint_seconds: float) -> TrainResult:
+        for k, training in enumerate(self.trainings):
+            try:
+                training.run(self.config.epochs, after_epoch=partial(self._look, k, checkpoint_seconds))
+            except TrainingError as error:
+                raise self._failed(error) from error
+            training.finish(best=True)
+        return self._finish(FINISHED)
 
     def finished(self, folder: RunFolder) -> TrainResult:
         """The result of a run that ended before."""
@@ -132,6 +143,7 @@ class Run:
         """Write a checkpoint; only between epochs."""
         self._saved = time.perf_counter()
         if self.folder is not None:
+            self._write_events()  # first, so that what a checkpoint holds is always there
             states = [training.training.state_dict() for training in self.trainings]
             state = {"manifest": self.manifest, "seconds": self.seconds, "trainings": states}
             self.folder.save_state(state, self._curves())
@@ -153,20 +165,19 @@ class Run:
         total = epochs * len(self.trainings)
         return TrainProgress(k * epochs + training.epoch, total, history.train[-1].mean().item(), validation)
 
-    def _failed(self, training: InverterTraining, error: TrainingError) -> TrainingError:
+    def _failed(self, error: TrainingError) -> TrainingError:
         """Keep the last good weights, and say where they are."""
-        for each in self.trainings:
-            each.finish(best=True)
-        epoch = int(training.training.best_epoch.max())
-        message = str(error)
-        if self.folder is not None:
-            self._finish(f"failed: {message}")
-            message += f"; the weights of epoch {epoch} are kept in {self.folder.models(self.config.members)[0]}"
-        return TrainingError(message)
+        for training in self.trainings:
+            training.finish(best=True)
+        if self.folder is None:
+            return error
+        self._finish(f"failed: {error}")
+        return TrainingError(f"{error}; kept in {', '.join(map(str, self.folder.models(self.config.members)))}")
 
     def _finish(self, state: str) -> TrainResult:
         seconds, members, curves = self.seconds, self._members(), self._curves()
         if self.folder is not None:
+            self._write_events()
             self.folder.finish(self._report(state, seconds, members), self.inverters, curves)
         path = None if self.folder is None else self.folder.path
         return TrainResult(self.config, self.inverters, tuple(members), tuple(curves), seconds, path)
@@ -181,6 +192,14 @@ class Run:
                 members.append(Member(self.config.seed + len(members), *numbers, test))
         return members
 
+    def _write_events(self) -> None:
+        if self.events is None:
+            return
+        try:
+            self.events.write(self._curves())
+        except OSError as error:
+            raise DataError(f"{self.events.folder}: cannot write the events: {error.strerror}") from error
+
     def _curves(self) -> list[Curve]:
         return [c for t in self.trainings for c in curves_of(t.training.history, len(t.inverters))]
 
@@ -194,8 +213,13 @@ class Run:
             "rows": {part: len(getattr(data, part).q) for part in ("train", "validation", "test")},
             "seconds": seconds,
             "members": [member_to_json(member) for member in members],
-            "versions": {"ikgrad": __version__, "torch": torch.__version__, "python": platform.python_version()},
-            "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+            "versions": {"ikgrad": __version__, "torch": str(torch.__version__), "python": platform.python_version()},
+            "platform": {
+                "system": platform.platform(),
+                "machine": platform.machine(),
+                "device": self.config.device,
+                "threads": torch.get_num_threads(),
+            },
             "manifest": self.manifest,
         }
 
@@ -209,7 +233,7 @@ class Run:
             "robot fingerprint": self.robot.fingerprint,
             "content of the data": digest.hexdigest()[:32],
             "ikgrad version": __version__,
-            "torch version": torch.__version__,
+            "torch version": str(torch.__version__),
         }
 
     def _inverter(self, seed: int) -> Inverter:

@@ -44,6 +44,11 @@ class RunFolder:
         """Where an unfinished run stands."""
         return self.path / CHECKPOINT
 
+    @property
+    def events(self) -> Path:
+        """Of TensorBoard."""
+        return self.path / EVENTS
+
     def check(self, *, resume: bool, force: bool) -> None:
         """Refuse a place that cannot be used, before any work is done.
 
@@ -165,7 +170,7 @@ class RunFolder:
         """Remove the files of a run; what else somebody put there stays."""
         for path in [self.path / name for name in (HISTORY, CHECKPOINT, CONFIG)]:
             path.unlink(missing_ok=True)
-        for folder in [self.path / EVENTS, *self.path.glob("model"), *self.path.glob("model-*")]:
+        for folder in [self.events, *self.path.glob("model"), *self.path.glob("model-*")]:
             shutil.rmtree(folder, ignore_errors=True)
         self._sweep()
 

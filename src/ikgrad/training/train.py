@@ -59,6 +59,8 @@ def train(
         folder.check(resume=resume, force=force)
     elif resume:
         raise ConfigError("resume needs out, the folder of the run that was cut off")
+    elif settings.tensorboard:
+        raise ConfigError("tensorboard needs out, a run folder to write the events to")
     run = Run(settings, robot, data, progress)
     if folder is not None and run.open(folder, resume=resume):
         return run.finished(folder)
