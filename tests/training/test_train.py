@@ -302,7 +302,8 @@ def test_levenberg_marquardt_without_a_way_on_says_in_which_epoch(tmp_path: Path
         return step(self, closure if len(calls) < 3 else lambda: closure() * torch.nan)
 
     monkeypatch.setattr(LevenbergMarquardt, "step", fail)
-    with pytest.raises(ik.TrainingError, match=r"epoch 3: the residuals or their derivatives are not finite.*epoch 2; kept in"):
+    text = r"epoch 3: the residuals or their derivatives are not finite.*epoch 2; kept in"
+    with pytest.raises(ik.TrainingError, match=text):
         ik.train(**QUICK, out=tmp_path / "run")
     assert ik.load_inverter(tmp_path / "run" / "model")
 
