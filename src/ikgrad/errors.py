@@ -25,7 +25,8 @@ class UnknownNameError(IkgradError, LookupError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]):
         known = list(known)
-        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        close = [word for word in known if word.lower() == name.lower()]
+        close = close or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"; did you mean '{close[0]}'?" if close else ""
         shown = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
         super().__init__(f"unknown {kind} '{name}'{hint} (known: {shown})")

@@ -171,7 +171,9 @@ def test_one_diverging_network_leaves_the_others_alone():
 def test_a_network_that_diverges_says_when_and_keeps_its_best():
     training = start(lambda p: optim.Backprop(p, 1e200), hidden="linear")
     training.network.output = "linear"
-    with pytest.raises(TrainingError, match=r"not finite after epoch \d+; the weights are those of epoch \d+"):
+    with pytest.raises(
+        TrainingError, match=r"not finite after epoch \d+, step \d+; the weights are those of epoch \d+"
+    ):
         training.run(50)
     assert weights(training).isfinite().all()
 

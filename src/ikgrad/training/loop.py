@@ -225,8 +225,9 @@ class Training:
         lost = ~train.isfinite()
         self.diverged_at[lost & (self.diverged_at == 0)] = self.epoch
         if lost.all():
-            first = f" (first at step {self._lost_step})" if self._lost_step else ""
-            raise self._lost(f"the loss is not finite after epoch {self.epoch}{first}", ". Try a smaller learning rate")
+            step = self._lost_step or self.epoch * self.data.steps
+            what = f"the loss is not finite after epoch {self.epoch}, step {step}"
+            raise self._lost(what, ". Try a smaller learning rate")
 
     def _lost(self, what: str, advice: str = "") -> TrainingError:
         """The best weights are back; say of which epochs they are."""
