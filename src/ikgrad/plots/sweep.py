@@ -104,8 +104,8 @@ def save_sweep(
     with styled():
         figure = new_figure(size)
         figure.set_layout_engine(None)
-        figure.subplots_adjust(left=0.0, right=1.0, bottom=0.04, top=1.0)
-        axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view, 1.1)
+        figure.subplots_adjust(left=0.0, right=1.0, bottom=0.06, top=1.02)
+        axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view, 1.0)
         hand = links[:, -1, 1]
         (way,) = axes.plot([], [], [], color=FAINT, linewidth=1.0)
         arms: list[Any] = []
