@@ -50,7 +50,7 @@ def errata(spheres: SphereTest, config: TrajectoryConfig) -> tuple[Erratum, ...]
             "eq. (5), rows 1 to 11",
             "13 entries",
             "14, a zero at the right end",
-            f"padded so, every entry is the derivative of a monomial to {_matrix_error():.0e}; "
+            f"padded so, no entry differs from the derivative of a monomial by more than {_matrix_error():g}; "
             f"det {torch.linalg.det(matrix_434(2.0, 5.0, 10.0)):.3g} for instants 2, 5, 10",
         ),
         ("tc, and time in segment 3", "tf - ta - tb; t - ta - tb", "tf - tb; t - tb", _last_segment(config.tf)),
