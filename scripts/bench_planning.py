@@ -139,7 +139,12 @@ def report(scene: Scene, seed: int, options: argparse.Namespace) -> None:
     print(f"    where random detours succeed too: {told}")
     if options.roadmap:
         failed = torch.nonzero(~solved).flatten()
-        print(f"  failed: {len(failed)}, of which a roadmap connects {roadmap(scene, failed)}")
+        joined = torch.zeros_like(solved)
+        joined[failed] = roadmap(scene, failed)
+        print(f"  failed: {len(failed)}, of which a roadmap connects {int(joined.sum())}")
+        known = (solved | joined) & ~before.free
+        share = 100 * solved[known].double().mean()
+        print(f"    known to have a way though the straight line touches: {int(known.sum())}, ours {share:.1f} %")
     if options.pictures and seed == PICTURED:
         draw(scene, line, found, before, options.pictures)
 
@@ -191,8 +196,8 @@ def detours_by_chance(scene: Scene, seed: int, seconds: float) -> tuple[int, Ten
     return tries, duration
 
 
-def roadmap(scene: Scene, rows: Tensor, nodes: int = 30_000, neighbours: int = 24) -> int:
-    """How many of the pairs lie in one component of a graph of random configurations, edges checked at 18 samples."""
+def roadmap(scene: Scene, rows: Tensor, nodes: int = 30_000, neighbours: int = 24) -> Tensor:
+    """Which pairs lie in one component of a graph of random configurations, edges checked at 18 samples."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -212,7 +217,7 @@ def roadmap(scene: Scene, rows: Tensor, nodes: int = 30_000, neighbours: int = 2
     good = np.concatenate(clear)
     graph = coo_matrix((good[good], (i[good], j[good])), shape=(len(q), len(q)))
     label = connected_components(graph, directed=False)[1]
-    return int((label[: len(rows)] == label[len(rows) : 2 * len(rows)]).sum())
+    return torch.from_numpy(label[: len(rows)] == label[len(rows) : 2 * len(rows)])
 
 
 def draw(scene: Scene, line: ik.Trajectory, found: ik.OptimizedTrajectory, before: Verdict, folder: Path) -> None:

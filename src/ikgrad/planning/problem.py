@@ -25,7 +25,7 @@ from ikgrad.collision.obstacles import Obstacles
 from ikgrad.planning.curve import Curve, aligned, each
 from ikgrad.robot import Robot
 
-SMOOTHNESS = 1e-6  # lambda; ten times more leaves a third of the hard rows inside the margin, ten times less is jerkier
+SMOOTHNESS = 1e-6  # lambda; too much for long ways (ur5e), where smoothness is worth cutting into the margin
 _BUFFER = 0.01  # of the arm's length, on top of the margin
 _INSET = 0.01  # of a joint's range
 
