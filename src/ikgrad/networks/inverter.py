@@ -15,7 +15,9 @@ from ikgrad.networks.mlp import MLP
 from ikgrad.networks.scaling import MinMax
 from ikgrad.robot import Robot
 from ikgrad.rotations import nearest_rotation
+from ikgrad.solvers.damped import damped_steps
 
+_DAMPING = 1e-3  # of corrections: they begin near the answer, where undamped steps are the best
 _CONSTANT = 1e-9  # [m, rad]: a feature or joint that varies less is rounding noise, which scaling must not blow up
 
 
@@ -142,12 +144,14 @@ class Inverter(nn.Module):
             q = torch.minimum(torch.maximum(q, self.robot.q_min.to(q)), self.robot.q_max.to(q))
         return q
 
-    def rollout(self, T: Tensor, q_start: Tensor) -> Tensor:
+    def rollout(self, T: Tensor, q_start: Tensor, *, corrections: int = 0) -> Tensor:
         """Follow a path in closed loop: the answer for one pose is the present joints for the next.
 
         Args:
             T: (N, 4, 4) poses along the path.
             q_start: (n,) or (..., n) joints before the first pose.
+            corrections: damped least-squares steps through FK after every answer, before it is given and fed back, see
+                `ikgrad.solvers.damped`; inside the joint limits, and without a gradient.
 
         Returns:
             (N, n) or (N, ..., n) answers. A traditional inverter does not look at the present joints, so that these
@@ -166,17 +170,21 @@ class Inverter(nn.Module):
         """
         check_q(self.robot, q_start, "q_start")
         if not self.feedback:
-            q = self(T)
+            q = self._corrected(T, self(T), corrections)
             lead = q_start.shape[:-1]
             return q.reshape(len(q), *[1] * len(lead), -1).expand(-1, *lead, -1)
         pose = encode_pose(
             T, self.reference, encoding=self.encoding
         )  # all at once; only the joints wait for each other
         q, answers = q_start, []
-        for row in pose:
+        for row, target in zip(pose, T, strict=True):
             q = self.answer(torch.cat([row.expand(*q.shape[:-1], -1), q], dim=-1))
+            q = self._corrected(target, q, corrections)
             answers.append(q)
         return torch.stack(answers)
+
+    def _corrected(self, T: Tensor, q: Tensor, steps: int) -> Tensor:
+        return damped_steps(self.robot, T, q, steps=steps, damping=_DAMPING).q if steps else q
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """Write ``model.safetensors`` and ``config.json`` into a new folder, see `ikgrad.networks.storage`."""
