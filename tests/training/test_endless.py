@@ -84,7 +84,7 @@ def test_a_loss_that_is_not_finite_ends_it_with_the_best_weights(ur5e: ik.Robot)
     training.run(until=0.5)
     best = copy.deepcopy(training._best)
     training.inverter.network.layers[0].weight.data[:] = torch.nan
-    with pytest.raises(ik.TrainingError, match="the loss is not finite after step 21; the best weights are back"):
+    with pytest.raises(ik.TrainingError, match="the loss is not finite in step 21; the best weights are back"):
         training.run()
     assert all(torch.equal(best[name], value) for name, value in training.inverter.state_dict().items())
 

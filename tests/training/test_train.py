@@ -21,7 +21,7 @@ from ikgrad.training.memory import available_memory
 from ikgrad.training.optimizers import make_optimizer, optimizer_names, side_by_side
 
 BOX = {"scheme": "joint_box", "count": 120, "half_width": 0.3}
-QUICK: dict[str, Any] = {"robot": "denso_vp6242", "hidden": (5,), "data": BOX, "epochs": 4}
+QUICK: dict[str, Any] = {"model": "classic", "robot": "denso_vp6242", "hidden": (5,), "data": BOX, "epochs": 4}
 ADAM: dict[str, Any] = {**QUICK, "optimizer": "Adam", "lr": 0.01, "batch_size": 20}
 
 
@@ -77,11 +77,11 @@ def test_patience_ends_the_training():
 def test_objects_in_the_place_of_names(tmp_path: Path):
     robot = ik.load_robot("ur5e")
     data = ik.data.generate(robot, ik.data.JointBox(count=100), validation=0.2, test=0.1)
-    result = ik.train(robot=robot, data=data, epochs=2, out=tmp_path / "run")
+    result = ik.train(model="classic", robot=robot, data=data, epochs=2, out=tmp_path / "run")
     assert result.members[0].test.rows == 10
     assert ik.load_inverter(tmp_path / "run" / "model").robot.fingerprint == robot.fingerprint
     saved = data.save(tmp_path / "data.safetensors")
-    again = ik.train(robot="ur5e", data=str(saved), epochs=2)
+    again = ik.train(model="classic", robot="ur5e", data=str(saved), epochs=2)
     assert torch.equal(result.curves[0].train, again.curves[0].train)
 
 
@@ -277,7 +277,7 @@ def test_data_that_are_not_finite_are_refused(column: str):
     data = ik.data.generate(robot, ik.data.JointBox(count=40))
     getattr(data.samples, column)[data.part.tolist().index(0)] = torch.nan
     with pytest.raises(ik.DataError, match="is nan; the data must be finite"):
-        ik.train(robot=robot, data=data, feedback=True, epochs=1)
+        ik.train(model="classic", robot=robot, data=data, feedback=True, epochs=1)
 
 
 def test_a_loss_that_is_not_finite_ends_the_run_and_keeps_the_last_good_weights(tmp_path: Path):

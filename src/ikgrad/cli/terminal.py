@@ -140,7 +140,7 @@ class Progress:
 
     def _lines(self) -> None:
         while True:
-            note(f"{self.what}: {self.done:,} of {self.total:,} {self.unit}, {self._speed()}")
+            note(f"{self.what}: {self.state()}")
             if self._stop.wait(INTERVAL):
                 return
 
@@ -157,9 +157,14 @@ class Progress:
         with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(self.what, total=self.total, speed="")
             while not self._stop.wait(0.2):
-                bar.update(task, completed=self.done, speed=self._speed())
+                bar.update(task, completed=self.done, speed=self.speed())
 
-    def _speed(self) -> str:
+    def state(self) -> str:
+        """How far it has come, for a line of text."""
+        return f"{self.done:,} of {self.total:,} {self.unit}, {self.speed()}"
+
+    def speed(self) -> str:
+        """How fast it goes and how long it will take, for the end of a bar."""
         if self.done <= self._skipped:
             return "starting"
         left = (self.total - self.done) / self.rate

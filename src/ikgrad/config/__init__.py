@@ -6,7 +6,17 @@ Nothing here imports torch, so that a command can check its settings before anyt
 from __future__ import annotations
 
 from ikgrad.config.loading import load_config
+from ikgrad.config.stream import StreamConfig
 from ikgrad.config.studies import AppsConfig, DensoConfig, PumaConfig, RuleConfig, TrajectoryConfig
 from ikgrad.config.training import TrainConfig
 
-__all__ = ["AppsConfig", "DensoConfig", "PumaConfig", "RuleConfig", "TrainConfig", "TrajectoryConfig", "load_config"]
+__all__ = [
+    "AppsConfig",
+    "DensoConfig",
+    "PumaConfig",
+    "RuleConfig",
+    "StreamConfig",
+    "TrainConfig",
+    "TrajectoryConfig",
+    "load_config",
+]

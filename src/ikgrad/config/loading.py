@@ -36,16 +36,7 @@ def load_config(cls: type[Config], path: str | Path) -> Config:
         >>> load_config(AppsConfig, builtin_file("configs", "apps")).random_starts
         1000
     """
-    return make_config(cls, read_values(cls, path), where=path)
-
-
-def read_values(cls: type, path: str | Path) -> dict[str, Any]:
-    """The keys of a YAML file, each known to the dataclass and of the right type.
-
-    Raises:
-        ConfigError: as `load_config`, but for what only all values together show.
-    """
-    return check_values(cls, _read_mapping(Path(path)), where=path)
+    return make_config(cls, check_values(cls, read_mapping(Path(path)), where=path), where=path)
 
 
 def check_values(cls: type, values: Mapping[str, Any], *, where: str | Path) -> dict[str, Any]:
@@ -124,7 +115,12 @@ def describe_keys(cls: type) -> dict[str, str]:
     return {key: " ".join(words.split()) for key, words in entries}
 
 
-def _read_mapping(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The keys of a YAML file, whatever they are.
+
+    Raises:
+        ConfigError: it cannot be read, or holds something else.
+    """
     from jsonargparse import get_loader
     from yaml import YAMLError
 
@@ -154,7 +150,7 @@ __all__ = [
     "load_config",
     "make_config",
     "parse_value",
-    "read_values",
+    "read_mapping",
     "require",
     "unknown_key",
 ]

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import re
+import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from ikgrad.config.loading import check_values, make_config, read_values, require
+from ikgrad.config.loading import check_values, make_config, read_mapping, require
+from ikgrad.config.settings import TrainingSettings
+from ikgrad.config.stream import StreamConfig
 from ikgrad.errors import ConfigError
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainConfig:
-    """An inverter, what it learns from, and how, ``configs/denso_feedback.yaml``; every key is an option too.
+class TrainConfig(TrainingSettings):
+    """A classic inverter, what it learns from, and how, ``configs/denso_feedback.yaml``.
 
     Attributes:
         robot: built-in name, or path of a URDF file.
         base: link in which poses are given; null: the root link.
         tip: link whose pose is meant; null: the only leaf link.
+        model: classic.
         feedback: also look at the present joints.
         hidden: units of each hidden layer.
         activation: of the hidden layers: tanh, logistic, relu, silu, gelu or linear.
@@ -45,6 +48,7 @@ class TrainConfig:
     robot: str = ""
     base: str | None = None
     tip: str | None = None
+    model: Literal["classic"] = "classic"
     feedback: bool = False
     hidden: tuple[int, ...] = (10,)
     activation: str = "tanh"
@@ -65,16 +69,10 @@ class TrainConfig:
     tensorboard: bool = False
 
     def __post_init__(self) -> None:
-        require(self.robot != "", "robot", "must be the name of a built-in robot or the path of a URDF file", "nothing")
+        counts = ("batch_size", "epochs", "patience")
+        self._check_shared(counts=counts, positive=("lr",), seeds_end=2**63 - 1, end_says="2^63 - 1")
         good = len(self.hidden) > 0 and min(self.hidden) > 0
         require(good, "hidden", "must be one or more positive numbers", list(self.hidden))
-        for key in ("batch_size", "epochs", "patience", "members"):
-            value = getattr(self, key)
-            require(value is None or value > 0, key, "must be at least 1", value)
-        require(0 <= self.seed < 2**63 - self.members, "seed", "must be from 0 to 2^63 - 1", self.seed)
-        require(self.lr is None or 0 < self.lr < float("inf"), "lr", "must be positive and finite", self.lr)
-        device = re.fullmatch(r"cpu|cuda(:\d+)?", self.device)
-        require(device is not None, "device", "must be cpu, cuda or cuda:N", repr(self.device))
         given = isinstance(self.data, str) or "scheme" in self.data
         require(given, "data", "must be the path of a data set or name a 'scheme'", self.data)
         if self.optimizer == "levenberg_marquardt":
@@ -85,59 +83,74 @@ class TrainConfig:
                 self.batch_size,
             )
 
-    @property
-    def seeds(self) -> range:
-        """One for each member."""
-        return range(self.seed, self.seed + self.members)
 
-    def to_yaml(self) -> str:
-        """The settings as a YAML file that gives the same settings again."""
-        from yaml import safe_dump  # type: ignore[import-untyped]
-
-        values = {key: _plain(value) for key, value in vars(self).items()}
-        return safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+AnyConfig = TrainConfig | StreamConfig
+_CLASSES: dict[str, type[TrainConfig] | type[StreamConfig]] = {
+    "unrolled": StreamConfig,
+    "increment": StreamConfig,
+    "classic": TrainConfig,
+}
+MODELS = tuple(_CLASSES)
 
 
-def train_config(
-    source: TrainConfig | Mapping[str, Any] | str | Path | None, options: Mapping[str, Any]
-) -> TrainConfig:
+def train_config(source: AnyConfig | Mapping[str, Any] | str | Path | None, options: Mapping[str, Any]) -> AnyConfig:
     """Settings from a file, a mapping or other settings, with some of them changed.
 
     Args:
         source: where to begin; a string or path is a YAML file. None: the defaults.
         options: keys to change, as in a YAML file. ``data`` without a ``scheme`` changes the keys that it names.
 
+    Returns:
+        `TrainConfig` if ``model`` is classic, else `StreamConfig`; without ``model`` it is unrolled.
+
     Raises:
-        ConfigError: an unknown key, a wrong type, or a value out of range.
+        ConfigError: an unknown key, one that belongs to another model, a wrong type, or a value out of range.
 
     Example:
         >>> start = TrainConfig(robot="ur5e", data={"scheme": "cube", "count": 500})
         >>> train_config(start, {"hidden": [20], "data": {"count": 900}}).data
         {'scheme': 'cube', 'count': 900}
+        >>> train_config(None, {"robot": "arm.urdf", "minutes": 3}).model
+        'unrolled'
     """
     where: str | Path = "settings"
-    if source is None:
-        values: dict[str, Any] = {}
-    elif isinstance(source, TrainConfig):
-        values = {field.name: getattr(source, field.name) for field in dataclasses.fields(source)}
-    elif isinstance(source, Mapping):
-        values = check_values(TrainConfig, source, where=where)
+    if isinstance(source, str | Path):
+        values, where = read_mapping(Path(source)), source
     else:
-        values, where = read_values(TrainConfig, source), source
-    changes = check_values(TrainConfig, options, where="options")
+        values = dict(vars(source) if isinstance(source, AnyConfig) else source or {})
+    model = _model(options.get("model", values.get("model", "unrolled")), "options" if "model" in options else where)
+    cls = _CLASSES[model]
+    if not isinstance(source, cls):
+        values = _check(cls, model, values, where)
+    changes = _check(cls, model, options, "options")
     before, now = values.get("data"), changes.get("data")
     if isinstance(now, dict) and "scheme" not in now:
         if not isinstance(before, dict):
             raise ConfigError(f"options: key 'data' must name a 'scheme', or change keys of one, got {now}")
         changes["data"] = {**before, **now}
-    return make_config(TrainConfig, {**values, **changes}, where=where)
+    return make_config(cls, {**values, **changes}, where=where)
 
 
-def _plain(value: Any) -> Any:
-    """Tuples as lists, which YAML knows."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+def _model(name: Any, where: str | Path) -> str:
+    if isinstance(name, str) and name in _CLASSES:
+        return name
+    close = difflib.get_close_matches(str(name), MODELS, n=1)
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    raise ConfigError(f"{where}: key 'model' must be {', '.join(MODELS[:-1])} or {MODELS[-1]}, got {name!r}{hint}")
 
 
-__all__ = ["TrainConfig", "train_config"]
+def _check(cls: type[AnyConfig], model: str, values: Mapping[str, Any], where: str | Path) -> dict[str, Any]:
+    """Checked values; a key of the other kind of models is named as such, rather than as unknown."""
+    own = {field.name for field in dataclasses.fields(cls)}
+    for key in values:
+        owners = [name for name, other in _CLASSES.items() if any(f.name == key for f in dataclasses.fields(other))]
+        if key not in own and owners:
+            belongs = f"model {owners[0]}" if len(owners) == 1 else f"the models {' and '.join(owners)}"
+            raise ConfigError(
+                f"{where}: key '{key}' belongs to {belongs}, but model is {model}; leave it out, or say "
+                f"'model: {owners[0]}'"
+            )
+    return check_values(cls, values, where=where)
+
+
+__all__ = ["AnyConfig", "MODELS", "TrainConfig", "train_config"]

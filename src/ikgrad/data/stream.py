@@ -1,7 +1,7 @@
 """Samples without end, made while a network learns: no row is seen twice, and nothing is kept.
 
 Batch k of a stream depends on the seed and on k alone, so that a training that goes on needs to remember k and nothing
-else, and several processes can share a stream by taking turns.
+else, and several processes can share a batch, each making its own rows of it.
 """
 
 from __future__ import annotations
@@ -75,8 +75,12 @@ class TaskStream:
         """What the rows ask for, in words."""
         return "global" if self.spread is None else f"local, {self.spread:g} rad"
 
-    def batch(self, number: int) -> Samples:
-        """Rows of batch ``number``, 0 or more, float64 on the CPU.
+    def batch(self, number: int, *, rows: slice = slice(None)) -> Samples:
+        """Rows of batch ``number``, float64 on the CPU.
+
+        Args:
+            number: 0 or more.
+            rows: which of them to make; a part of a batch has the very values that the whole has there.
 
         Raises:
             ConfigError: a negative number.
@@ -86,6 +90,7 @@ class TaskStream:
         robot = self.robot.detach()
         generator = torch.Generator().manual_seed(_mix(self.seed << 32 | number))
         unit = torch.rand(2, self.batch_size, robot.dof, dtype=torch.float64, generator=generator)
+        unit = unit[:, rows]
         low, high = (limit.to("cpu", torch.float64) for limit in robot.sampling_range)
         q_current = low + (high - low) * unit[0]
         if self.spread is not None:

@@ -12,14 +12,16 @@ import torch
 from torch import Tensor
 
 from ikgrad.data import TaskStream
+from ikgrad.data.schemes import Samples
 from ikgrad.errors import ConfigError, RobotError, TrainingError
 from ikgrad.networks.local import IncrementInverter, UnrolledInverter
 from ikgrad.solvers.damped import damped_steps, typical_length
 from ikgrad.training.pose_loss import PoseLoss
+from ikgrad.training.processes import Processes
 
 _WARM_UP = 0.02  # of the budget
 _CHECKED_ROWS = 4000
-_LONGEST_PAUSE = 20.0  # seconds between checks at most, so that a curve on the terminal lives
+_LONGEST_PAUSE = 20.0  # seconds between checks at most, with a budget of time: a curve on the terminal shall live
 LOSSES = {IncrementInverter: PoseLoss(shape="root", delta=0.02), UnrolledInverter: PoseLoss(shape="log", delta=0.001)}
 
 
@@ -57,7 +59,10 @@ class EndlessTraining:
         loss: of every round; default: by the inverter's family, see `LOSSES`.
         lr: largest learning rate.
         validation: rows for the curve; default: 4,000 of the same task and another seed.
-        checks: points of the curve, evenly spaced over the budget; at least one every 20 s.
+        checks: points of the curve, evenly spaced over the budget; with ``minutes`` at least one every 20 s.
+        processes: others that share the training; the batches are the same, and so is the result, to rounding.
+
+    The inverter may be on a GPU; the rows are made on the CPU always.
 
     Raises:
         ConfigError: no budget or two, or a setting that is not positive.
@@ -84,15 +89,18 @@ class EndlessTraining:
         lr: float = 0.016,
         validation: TaskStream | None = None,
         checks: int = 40,
+        processes: Processes = Processes(),  # noqa: B008 (frozen)
     ):
         _check(inverter, stream, minutes, steps, lr, checks)
         self.inverter, self.stream, self.minutes, self.steps = inverter, stream, minutes, steps
         self.loss = LOSSES[type(inverter)] if loss is None else loss
-        self.lr, self.checks = lr, checks
+        self.lr, self.checks, self.processes = lr, checks, processes
+        self.rows = processes.rows(stream.batch_size)
+        self.device = next(inverter.parameters()).device
         other = replace(stream, batch_size=_CHECKED_ROWS, seed=(stream.seed + 2**30) % 2**31, label="made")
-        self.validation = (other if validation is None else validation).batch(0)
+        self.validation = self._here((other if validation is None else validation).batch(0))
         self.optimizers = _optimizers(inverter, lr)
-        self.step, self.seconds = 0, 0.0
+        self.step, self.seconds, self.train_loss = 0, 0.0, math.nan
         self.history: list[Check] = []
         self.best_loss = math.inf
         self._best = self._weights()
@@ -110,24 +118,25 @@ class EndlessTraining:
 
         Args:
             until: share of the budget at which to stop; a checkpoint taken there goes on as if nothing had been.
-            watch: called after every check, for progress and checkpoints.
+            watch: called after every step, and once before the first, for progress and checkpoints; its time does not
+                count. An exception of it ends the training between two steps.
 
         Raises:
             TrainingError: the loss is not finite; the best weights are back then.
         """
         if not self.history:
-            self._judge(watch)
-        begun = judged = time.perf_counter()
-        before = self.seconds
+            self._judge()
+            if watch is not None:
+                watch(self)
         while self.progress < until:
             due = math.floor(self.progress * self.checks)
+            begun = time.perf_counter()
             self._learn()
-            now = time.perf_counter()
-            self.seconds = before + now - begun
-            if math.floor(self.progress * self.checks) > due or now - judged > _LONGEST_PAUSE:
-                self._judge(watch)
-                judged = time.perf_counter()
-                before += now - judged  # looking on is not training
+            self.seconds += self.processes.from_first(time.perf_counter() - begun)
+            if math.floor(self.progress * self.checks) > due or self._curve_is_old():
+                self._judge()
+            if watch is not None:
+                watch(self)
         if self.progress >= 1.0:
             self.restore_best()
 
@@ -154,41 +163,54 @@ class EndlessTraining:
         vars(self).update(state["progress"])
         self.history = [Check(**check) for check in state["history"]]
 
+    def _here(self, rows: Samples) -> Samples:
+        return Samples(*(part.to(self.device) for part in rows))
+
+    def _curve_is_old(self) -> bool:
+        """Only where the result depends on the machine anyway: a check may change which weights are kept."""
+        return self.steps is None and self.seconds - self.history[-1].seconds > _LONGEST_PAUSE
+
     def _learn(self) -> None:
         """One step of the optimizers."""
-        T, label, q_current = self.stream.batch(self.step)
+        T, label, q_current = self._here(self.stream.batch(self.step, rows=self.rows))
         robot = self.inverter.robot
-        total = torch.zeros((), dtype=torch.float64)
+        total = torch.zeros((), dtype=torch.float64, device=self.device)
         for q in self.inverter.iterates(T, q_current):
             total = total + self.loss(robot, q, T, label)
+        total = total * (len(T) / self.stream.batch_size)
         rate = self.lr * min(1.0, (self.progress + 1e-4) / _WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * self.progress))
         for optimizer in self.optimizers:
             optimizer.zero_grad()
             for group in optimizer.param_groups:
                 group["lr"] = rate
         total.backward()
+        gradients = [parameter.grad for parameter in self.inverter.parameters() if parameter.grad is not None]
+        self.train_loss = self.processes.add_up(float(total.detach()), gradients)
+        self._refuse_unless_finite(self.train_loss, "in")
         for optimizer in self.optimizers:
             optimizer.step()
         self.step += 1
 
-    @torch.no_grad()
-    def _judge(self, watch: Callable[[EndlessTraining], object] | None) -> None:
-        T, _, q_current = self.validation
-        at = damped_steps(self.inverter.robot, T, self.inverter.iterates(T, q_current)[-1])
-        loss = float(self.loss.rho(at.error.square().sum(-1))[0].mean())
+    def _refuse_unless_finite(self, loss: float, when: str) -> None:
         if not math.isfinite(loss):
             self.restore_best()
+            step = self.step + (when == "in")
             raise TrainingError(
-                f"the loss is not finite after step {self.step}; the best weights are back. Try a smaller lr than "
+                f"the loss is not finite {when} step {step}; the best weights are back. Try a smaller lr than "
                 f"{self.lr:g}"
             )
+
+    @torch.no_grad()
+    def _judge(self) -> None:
+        T, _, q_current = self.validation
+        at = damped_steps(self.inverter.robot, T, self.inverter.iterates(T, q_current)[-1])
+        loss = self.processes.from_first(float(self.loss.rho(at.error.square().sum(-1))[0].mean()))
+        self._refuse_unless_finite(loss, "after")
         position, rotation = at.error[:, :3].norm(dim=-1), at.error[:, 3:].norm(dim=-1)
         mm = _median_and_95th(position * typical_length(self.inverter.robot) * 1e3)
         self.history.append(Check(self.step, self.seconds, loss, mm, _median_and_95th(rotation.rad2deg())))
         if loss < self.best_loss:
             self.best_loss, self._best = loss, self._weights()
-        if watch is not None:
-            watch(self)
 
     def _weights(self) -> dict[str, Tensor]:
         return {name: value.detach().clone() for name, value in self.inverter.state_dict().items()}

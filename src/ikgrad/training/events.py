@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from ikgrad.errors import ConfigError
-from ikgrad.training.result import Curve
+from ikgrad.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
+
+
+class Point(NamedTuple):
+    """Some values at a step or epoch."""
+
+    step: int
+    values: Mapping[str, float]
 
 
 def require_tensorboard() -> None:
@@ -30,38 +36,49 @@ class Events:
     Args:
         folder: holds a folder ``seed-<seed>`` for every network.
         seeds: of the networks.
-        curves: what is written already, by the part of the run before; later epochs in the files are taken back.
+        points: (k, start) -> the points of curve k from its point ``start`` on. What is there now was written by the
+            part of the run before; later points in the files are taken back.
     """
 
-    def __init__(self, folder: Path, seeds: Sequence[int], curves: Sequence[Curve]):
-        self.folder, self.seeds = folder, seeds
-        self.written = [len(curve.epochs) for curve in curves]
+    def __init__(self, folder: Path, seeds: Sequence[int], points: Callable[[int, int], Sequence[Point]]):
+        self.folder, self.seeds, self.points = folder, seeds, points
+        before = [points(k, 0) for k in range(len(seeds))]
+        self.written = [len(curve) for curve in before]
+        self._after = [curve[-1].step + 1 if curve else 0 for curve in before]
         self._writers: list[SummaryWriter] = []
 
-    def write(self, curves: Sequence[Curve]) -> None:
-        """Append what is new, and see to it that it is on disk."""
-        if not self._writers:
-            self._open(curves)
-        for k, (writer, curve) in enumerate(zip(self._writers, curves, strict=True)):
-            for i in range(self.written[k], len(curve.epochs)):
-                epoch = int(curve.epochs[i])
-                writer.add_scalar("loss/train", curve.train[i].item(), epoch)
-                if curve.validation is not None:
-                    writer.add_scalar("loss/validation", curve.validation[i].item(), epoch)
-            self.written[k] = len(curve.epochs)
-            writer.flush()
+    def write(self) -> None:
+        """Append what is new, and see to it that it is on disk.
+
+        Raises:
+            DataError: it cannot be written.
+        """
+        try:
+            self._append()
+        except OSError as error:
+            raise DataError(f"{self.folder}: cannot write the events: {error.strerror}") from error
 
     def close(self) -> None:
         """Close the files."""
         for writer in self._writers:
             writer.close()
 
-    def _open(self, curves: Sequence[Curve]) -> None:
+    def _append(self) -> None:
+        if not self._writers:
+            self._open()
+        for k, writer in enumerate(self._writers):
+            new = self.points(k, self.written[k])
+            for step, values in new:
+                for name, value in values.items():
+                    writer.add_scalar(name, value, step)
+            self.written[k] += len(new)
+            writer.flush()
+
+    def _open(self) -> None:
         from torch.utils.tensorboard import SummaryWriter
 
-        for seed, done, curve in zip(self.seeds, self.written, curves, strict=True):
-            after = int(curve.epochs[done - 1]) + 1 if done else 0
+        for seed, after in zip(self.seeds, self._after, strict=True):
             self._writers.append(SummaryWriter(str(self.folder / f"seed-{seed}"), purge_step=after))
 
 
-__all__ = ["Events", "require_tensorboard"]
+__all__ = ["Events", "Point", "require_tensorboard"]

@@ -10,6 +10,9 @@ from pathlib import Path
 from ikgrad.errors import ConfigError
 
 _COPIES = 6  # of the weights: weights, gradient, best, the inverters' own, two of the optimizer
+_STREAM_COPIES = 9  # as _COPIES, and what Muon makes of the square ones
+_ROW_COPIES = 8  # of what is known of a row of a stream: draws, joints, poses, errors, steps
+_MEMBER = 2_000_000  # bytes of the rows that an inverter is judged on
 _MATRICES = 3  # of Levenberg-Marquardt: J^T J, its factor, and what a product needs
 _PIECE = 16_000_000 * 8  # bytes of a piece of J, see `ikgrad.optim.layer_blocks`
 _STEP, _LOOK = 3, 2  # of all activations: for a batch, forward and backward; for all rows, to take the errors
@@ -59,18 +62,59 @@ def check_memory(
     if optimizer == "levenberg_marquardt":
         piece = min(_PIECE, batch * sizes[-1] * weights * members * item)
         need[f"J^T J of {weights:,} weights"] = _MATRICES * weights**2 * members * item + piece
-    total = sum(need.values())
-    if available is not None and total > available:
-        largest = max(need, key=lambda part: need[part])
-        advice = "fewer rows" if largest.endswith("data") else "fewer hidden units"
-        advice += " or rows" if largest.startswith("activations") else ""
-        advice += ", or another optimizer such as Adam" if largest.startswith("J^T J") else ""
-        network = "-".join(map(str, sizes)) + (f", {members} members" if members > 1 else "")
-        raise ConfigError(
-            f"the training of {network} needs about {_size(total)}, most of it for {largest}, but there are "
-            f"{_size(available)} of memory; try {advice}"
-        )
+    _refuse("-".join(map(str, sizes)) + (f", {members} members" if members > 1 else ""), need, available)
     return need
+
+
+def check_stream_memory(
+    inputs: int, outputs: int, *, width: int, depth: int, rounds: int, batch_size: int, looked_at: int,
+    members: int, available: int | None,
+) -> dict[str, int]:  # fmt: skip
+    """The same for inverters that learn from a stream.
+
+    Args:
+        inputs: of the network.
+        outputs: of the network.
+        width: units of each hidden layer.
+        depth: hidden layers.
+        rounds: in which the network is asked; all their activations are kept until the gradient is known.
+        batch_size: rows a step.
+        looked_at: rows that are answered at once to measure errors.
+        members: inverters, of which one learns at a time.
+        available: bytes; None: unknown, nothing is refused.
+
+    Returns:
+        What is taken by what [bytes].
+
+    Raises:
+        ConfigError: more than is available.
+    """
+    weights = (inputs + 1) * width + (depth - 1) * (width + 1) * width + (width + 1) * outputs
+    units = inputs + depth * width + outputs
+    need = {
+        f"{weights:,} weights": _STREAM_COPIES * weights * members * 4,
+        f"{batch_size:,} rows of data": batch_size * 8 * _ROW_COPIES * (16 + 3 * outputs),
+        f"activations of {batch_size:,} rows": _STEP * rounds * batch_size * units * 4,
+        f"activations of {looked_at:,} rows": 3 * looked_at * max(width, inputs) * 4,
+        f"{members:,} members": members * _MEMBER,
+    }
+    _refuse(f"{inputs}-{depth} x {width}-{outputs}", need, available)
+    return need
+
+
+def _refuse(network: str, need: dict[str, int], available: int | None) -> None:
+    total = sum(need.values())
+    if available is None or total <= available:
+        return
+    largest = max(need, key=lambda part: need[part])
+    advice = "fewer rows" if largest.endswith("data") else "fewer hidden units"
+    advice = "fewer members" if largest.endswith("members") else advice
+    advice += " or rows" if largest.startswith("activations") else ""
+    advice += ", or another optimizer such as Adam" if largest.startswith("J^T J") else ""
+    raise ConfigError(
+        f"the training of {network} needs about {_size(total)}, most of it for {largest}, but there are "
+        f"{_size(available)} of memory; try {advice}"
+    )
 
 
 def available_memory(device: str = "cpu") -> int | None:
@@ -106,4 +150,4 @@ def _size(count: int) -> str:
     return f"{count / GIB:,.1f} GiB" if count >= GIB / 10 else f"{count / 2**20:,.1f} MiB"
 
 
-__all__ = ["available_memory", "check_memory"]
+__all__ = ["available_memory", "check_memory", "check_stream_memory"]

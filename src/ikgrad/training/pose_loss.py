@@ -20,7 +20,7 @@ from ikgrad.solvers.damped import damped_steps
 
 @dataclass(frozen=True)
 class PoseLoss:
-    r"""Mean over rows of ``rho(s)``, ``s = |position / length|^2 + |rotation|^2``, and what keeps answers in bounds.
+    r"""Mean over rows of ``pose rho(s)``, ``s = |position / length|^2 + |rotation|^2``, and what keeps answers inside.
 
     ==========  ======================  =============================================================
     shape       rho                     what it asks for
@@ -36,6 +36,7 @@ class PoseLoss:
     Attributes:
         shape: of rho.
         delta: error below which rho is flat [rad, or typical lengths of the arm].
+        pose: weight of rho; 0 with ``joints=1``: plain regression of the labels.
         limits: weight of half the squared distance beyond the limits.
         joints: weight of the distance to the label, ``sqrt(|q - label|^2 + 1e-4)``; 0: labels are not looked at.
 
@@ -53,6 +54,7 @@ class PoseLoss:
 
     shape: Literal["square", "root", "log"] = "root"
     delta: float = 0.02
+    pose: float = 1.0
     limits: float = 0.5
     joints: float = 0.0
 
@@ -61,7 +63,7 @@ class PoseLoss:
             raise ConfigError(f"shape must be square, root or log, got '{self.shape}'")
         if not self.delta > 0:
             raise ConfigError(f"delta must be positive, got {self.delta}")
-        for name in ("limits", "joints"):
+        for name in ("pose", "limits", "joints"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise ConfigError(f"{name} must be a finite weight, 0 or more, got {getattr(self, name)}")
 
@@ -97,13 +99,13 @@ class _Pose(torch.autograd.Function):
     def forward(ctx: Any, q: Tensor, T: Tensor, robot: Robot, loss: PoseLoss) -> Tensor:
         at = damped_steps(robot, T, q)
         value, slope = loss.rho(at.error.square().sum(-1))
-        grad = -2.0 * slope[:, None] * at.slope.sum(-2)
+        grad = -2.0 * loss.pose * slope[:, None] * at.slope.sum(-2)
         low, high = robot.q_min.to(q), robot.q_max.to(q)
         outwards = ((q >= high) & (grad < 0)) | ((q <= low) & (grad > 0))
         beyond = q - at.q
         grad = torch.where(outwards, 0.0, grad) + loss.limits * beyond
         ctx.save_for_backward(grad / len(q))
-        return value.mean() + 0.5 * loss.limits * beyond.square().sum(-1).mean()
+        return loss.pose * value.mean() + 0.5 * loss.limits * beyond.square().sum(-1).mean()
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None, None, None]:

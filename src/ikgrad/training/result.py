@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from ikgrad.config import TrainConfig
 from ikgrad.networks import Inverter
+from ikgrad.training.events import Point
 from ikgrad.training.history import History
 from ikgrad.training.measure import TestErrors
 
@@ -90,6 +92,39 @@ def curves_of(history: History, members: int) -> list[Curve]:
     return [Curve(epochs, train[:, k], None if validation is None else validation[:, k]) for k in range(members)]
 
 
+def curves_to_csv(curves: Sequence[Curve]) -> str:
+    """CSV, one row an epoch and member; numbers come back bit for bit."""
+    lines = ["epoch,member,train,validation"]
+    for k, curve in enumerate(curves):
+        validation = [""] * len(curve.epochs) if curve.validation is None else map(repr, curve.validation.tolist())
+        rows = zip(curve.epochs.tolist(), curve.train.tolist(), validation, strict=True)
+        lines += [f"{epoch},{k},{train!r},{judged}" for epoch, train, judged in rows]
+    return "\n".join(lines) + "\n"
+
+
+def curves_from_csv(rows: Sequence[Sequence[str]], members: int) -> list[Curve]:
+    """The inverse, from the rows without their heading."""
+    curves = []
+    for k in range(members):
+        mine = [row for row in rows if row[1] == str(k)]
+        train, validation = ([float(row[i]) for row in mine if row[i]] for i in (2, 3))
+        epochs = torch.tensor([int(row[0]) for row in mine])
+        judged = torch.tensor(validation, dtype=torch.float64) if validation else None
+        curves.append(Curve(epochs, torch.tensor(train, dtype=torch.float64), judged))
+    return curves
+
+
+def curve_points(curve: Curve, start: int) -> list[Point]:
+    """What TensorBoard shall show, from point ``start`` on."""
+    points = []
+    for i in range(start, len(curve.epochs)):
+        values = {"loss/train": curve.train[i].item()}
+        if curve.validation is not None:
+            values["loss/validation"] = curve.validation[i].item()
+        points.append(Point(int(curve.epochs[i]), values))
+    return points
+
+
 def member_from_json(values: dict[str, Any]) -> Member:
     """The inverse of ``dataclasses.asdict`` after a round trip through JSON."""
     test = values.pop("test")
@@ -107,4 +142,14 @@ def member_to_json(member: Member) -> dict[str, Any]:
     return values
 
 
-__all__ = ["Curve", "Member", "TrainResult", "curves_of", "member_from_json", "member_to_json"]
+__all__ = [
+    "Curve",
+    "Member",
+    "TrainResult",
+    "curve_points",
+    "curves_from_csv",
+    "curves_of",
+    "curves_to_csv",
+    "member_from_json",
+    "member_to_json",
+]

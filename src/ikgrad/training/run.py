@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,18 +15,29 @@ import torch
 from ikgrad import __version__
 from ikgrad.config import TrainConfig
 from ikgrad.data import DataSet
-from ikgrad.errors import ConfigError, DataError, TrainingError
+from ikgrad.errors import TrainingError
 from ikgrad.networks import Inverter, load_inverter
 from ikgrad.robot import Robot, load_robot
-from ikgrad.training.events import Events, require_tensorboard
+from ikgrad.training.events import Events, Point, require_tensorboard
 from ikgrad.training.inverters import InverterTraining
 from ikgrad.training.loop import Training
 from ikgrad.training.losses import LOSSES
 from ikgrad.training.measure import measure
 from ikgrad.training.memory import available_memory, check_memory
 from ikgrad.training.optimizers import make_optimizer, side_by_side
-from ikgrad.training.result import Curve, Member, TrainResult, curves_of, member_from_json, member_to_json
-from ikgrad.training.run_folder import FINISHED, FORMAT, RunFolder
+from ikgrad.training.report import check_device, describe_run
+from ikgrad.training.result import (
+    Curve,
+    Member,
+    TrainResult,
+    curve_points,
+    curves_from_csv,
+    curves_of,
+    curves_to_csv,
+    member_from_json,
+    member_to_json,
+)
+from ikgrad.training.run_folder import FINISHED, RunFolder
 from ikgrad.training.sources import load_data, planned_rows
 from ikgrad.training.threads import one_thread
 
@@ -66,7 +76,7 @@ class Run:
         if config.tensorboard:
             require_tensorboard()
         make = make_optimizer(config.optimizer, lr=config.lr, options=config.optimizer_options)
-        _check_device(config)
+        check_device(config.device)
         together = config.members if side_by_side(config.optimizer) else 1
         self._check_memory(planned_rows(config) if data is None else len(data.samples.q), together)
         sets = load_data(config, self.robot) if data is None else [data] * config.members
@@ -102,7 +112,7 @@ class Run:
             for training, saved in zip(self.trainings, state["trainings"], strict=True):
                 training.training.load_state_dict(saved)
         if self.config.tensorboard:
-            self.events = Events(folder.events, self.config.seeds, self._curves())
+            self.events = Events(folder.events, self.config.seeds, self._points)
         return state is None and resume and folder.report()["state"] == FINISHED
 
     def complete(self, checkpoint_seconds: float) -> TrainResult:
@@ -131,7 +141,7 @@ class Run:
         models = folder.models(self.config.members)
         inverters = cast(tuple[Inverter, ...], tuple(load_inverter(path, robot=self.robot) for path in models))
         members = tuple(member_from_json(values) for values in report["members"])
-        curves = tuple(folder.curves(len(members)))
+        curves = tuple(curves_from_csv(folder.history(), len(members)))
         return TrainResult(self.config, inverters, members, curves, report["seconds"], folder.path)
 
     @property
@@ -143,10 +153,11 @@ class Run:
         """Write a checkpoint; only between epochs."""
         self._saved = time.perf_counter()
         if self.folder is not None:
-            self._write_events()  # first, so that what a checkpoint holds is always there
+            if self.events is not None:
+                self.events.write()  # first, so that what a checkpoint holds is always there
             states = [training.training.state_dict() for training in self.trainings]
             state = {"manifest": self.manifest, "seconds": self.seconds, "trainings": states}
-            self.folder.save_state(state, self._curves())
+            self.folder.save_state(state, curves_to_csv(self._curves()))
 
     def _look(self, k: int, checkpoint_seconds: float, training: Training) -> None:
         """After an epoch: tell, and keep."""
@@ -177,8 +188,10 @@ class Run:
     def _finish(self, state: str) -> TrainResult:
         seconds, members, curves = self.seconds, self._members(), self._curves()
         if self.folder is not None:
-            self._write_events()
-            self.folder.finish(self._report(state, seconds, members), self.inverters, curves)
+            if self.events is not None:
+                self.events.write()
+            weights = dict(zip(self.folder.models(self.config.members), self.inverters, strict=True))
+            self.folder.finish(self._report(state, seconds, members), weights, curves_to_csv(curves))
         path = None if self.folder is None else self.folder.path
         return TrainResult(self.config, self.inverters, tuple(members), tuple(curves), seconds, path)
 
@@ -192,35 +205,19 @@ class Run:
                 members.append(Member(self.config.seed + len(members), *numbers, test))
         return members
 
-    def _write_events(self) -> None:
-        if self.events is None:
-            return
-        try:
-            self.events.write(self._curves())
-        except OSError as error:
-            raise DataError(f"{self.events.folder}: cannot write the events: {error.strerror}") from error
+    def _points(self, k: int, start: int) -> list[Point]:
+        return curve_points(self._curves()[k], start)
 
     def _curves(self) -> list[Curve]:
         return [c for t in self.trainings for c in curves_of(t.training.history, len(t.inverters))]
 
     def _report(self, state: str, seconds: float, members: Sequence[Member]) -> dict[str, Any]:
         data = self.sets[0]
+        rows = {part: len(getattr(data, part).q) for part in ("train", "validation", "test")}
         return {
-            "format": FORMAT,
-            "state": state,
-            "seed": self.config.seed,
-            "robot": {"name": self.robot.name, "fingerprint": self.robot.fingerprint},
-            "rows": {part: len(getattr(data, part).q) for part in ("train", "validation", "test")},
-            "seconds": seconds,
+            **describe_run(self.config, self.robot, state, seconds, self.manifest),
+            "rows": rows,
             "members": [member_to_json(member) for member in members],
-            "versions": {"ikgrad": __version__, "torch": str(torch.__version__), "python": platform.python_version()},
-            "platform": {
-                "system": platform.platform(),
-                "machine": platform.machine(),
-                "device": self.config.device,
-                "threads": torch.get_num_threads(),
-            },
-            "manifest": self.manifest,
         }
 
     def _manifest(self) -> dict[str, Any]:
@@ -262,11 +259,6 @@ class Run:
             optimizer=config.optimizer,
             available=available_memory(config.device),
         )
-
-
-def _check_device(config: TrainConfig) -> None:
-    if config.device != "cpu" and not torch.cuda.is_available():
-        raise ConfigError(f"device '{config.device}': torch sees no CUDA device here; take cpu")
 
 
 __all__ = ["Run", "TrainProgress"]

@@ -3,6 +3,7 @@
 config.yaml     all settings, as resolved
 run.json        state, seeds, robot, versions, machine, and in the end epochs, times and test errors
 history.csv     errors along the training
+evaluation.json what the result is worth on fresh rows, where `ikgrad train` measured it
 model/          the inverter, see `ikgrad.networks.storage`; model-0/, model-1/ ... for several members
 checkpoint      there while the run is unfinished; all that it needs to go on
 tensorboard/    events, when asked
@@ -18,18 +19,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
-
-from ikgrad.config import TrainConfig
+from ikgrad.config.training import AnyConfig
 from ikgrad.errors import DataError
 from ikgrad.files.partial import differences
 from ikgrad.files.places import in_one_move
-from ikgrad.networks import Inverter, save_inverter
+from ikgrad.networks import save_inverter
+from ikgrad.networks.storage import AnyInverter
 from ikgrad.training.checkpoint import load_checkpoint, save_checkpoint
-from ikgrad.training.result import Curve
 
 FORMAT = "ikgrad run 1"
 CONFIG, REPORT, HISTORY, CHECKPOINT, EVENTS = "config.yaml", "run.json", "history.csv", "checkpoint", "tensorboard"
+EVALUATION = "evaluation.json"
 RUNNING, FINISHED = "running", "finished"
 
 
@@ -70,7 +70,7 @@ class RunFolder:
         except OSError as error:
             raise DataError(f"{self.path}: the folder '{parent}' is not writable: {error.strerror}") from error
 
-    def open(self, manifest: Mapping[str, Any], config: TrainConfig, *, resume: bool) -> dict[str, Any] | None:
+    def open(self, manifest: Mapping[str, Any], config: AnyConfig, *, resume: bool) -> dict[str, Any] | None:
         """Begin a run, or go on with the one that is there.
 
         Args:
@@ -115,18 +115,18 @@ class RunFolder:
             raise DataError(f"{path}: is no run of this version of ikgrad (wanted: format '{FORMAT}')")
         return report
 
-    def save_state(self, state: Mapping[str, Any], curves: Sequence[Curve]) -> None:
-        """Write the checkpoint, and the history so far for who looks on."""
+    def save_state(self, state: Mapping[str, Any], history: str) -> None:
+        """Write the checkpoint, and the history so far, as CSV, for who looks on."""
         with self._writing():
             save_checkpoint(self.checkpoint, dict(state))
-            self._write(HISTORY, _table(curves))
+            self._write(HISTORY, history)
 
-    def finish(self, report: Mapping[str, Any], inverters: Sequence[Inverter], curves: Sequence[Curve]) -> None:
+    def finish(self, report: Mapping[str, Any], inverters: Mapping[Path, AnyInverter], history: str) -> None:
         """Write weights, history and report; then the checkpoint has nothing more to say and goes."""
         with self._writing():
-            for inverter, folder in zip(inverters, self.models(len(inverters)), strict=True):
+            for folder, inverter in inverters.items():
                 save_inverter(inverter, folder, force=True)
-            self._write(HISTORY, _table(curves))
+            self._write(HISTORY, history)
             self._write_report(report)
             self.checkpoint.unlink(missing_ok=True)
 
@@ -134,19 +134,24 @@ class RunFolder:
         """The folder of every member's weights."""
         return [self.path / "model"] if members == 1 else [self.path / f"model-{k}" for k in range(members)]
 
-    def curves(self, members: int) -> list[Curve]:
-        """What `finish` wrote into history.csv."""
-        rows = [line.split(",") for line in (self.path / HISTORY).read_text(encoding="utf-8").split()[1:]]
-        curves = []
-        for k in range(members):
-            mine = [row for row in rows if row[1] == str(k)]
-            train, validation = ([float(row[i]) for row in mine if row[i]] for i in (2, 3))
-            epochs = torch.tensor([int(row[0]) for row in mine])
-            judged = torch.tensor(validation, dtype=torch.float64) if validation else None
-            curves.append(Curve(epochs, torch.tensor(train, dtype=torch.float64), judged))
-        return curves
+    def history(self) -> list[list[str]]:
+        """The rows of history.csv without their heading.
 
-    def _begin(self, manifest: Mapping[str, Any], config: TrainConfig) -> None:
+        Raises:
+            DataError: it cannot be read.
+        """
+        try:
+            text = (self.path / HISTORY).read_text(encoding="utf-8")
+        except OSError as error:
+            raise DataError(f"{self.path / HISTORY}: cannot be read: {error.strerror}") from error
+        return [line.split(",") for line in text.split()[1:]]
+
+    def keep_evaluation(self, records: Sequence[Mapping[str, Any]]) -> None:
+        """Write what the result was measured to be worth."""
+        with self._writing():
+            self._write(EVALUATION, json.dumps(list(records), indent=1) + "\n")
+
+    def _begin(self, manifest: Mapping[str, Any], config: AnyConfig) -> None:
         with self._writing():
             self.path.mkdir(parents=True, exist_ok=True)
             self._clear()
@@ -168,7 +173,7 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Remove the files of a run; what else somebody put there stays."""
-        for path in [self.path / name for name in (HISTORY, CHECKPOINT, CONFIG)]:
+        for path in [self.path / name for name in (HISTORY, CHECKPOINT, CONFIG, EVALUATION)]:
             path.unlink(missing_ok=True)
         for folder in [self.events, *self.path.glob("model"), *self.path.glob("model-*")]:
             shutil.rmtree(folder, ignore_errors=True)
@@ -200,16 +205,6 @@ class RunFolder:
 
 def _is_left_over(path: Path) -> bool:
     return path.name.startswith(".") and (".tmp" in path.name or path.suffix == ".old")
-
-
-def _table(curves: Sequence[Curve]) -> str:
-    """CSV, one row an epoch and member; numbers come back bit for bit."""
-    lines = ["epoch,member,train,validation"]
-    for k, curve in enumerate(curves):
-        validation = [""] * len(curve.epochs) if curve.validation is None else map(repr, curve.validation.tolist())
-        rows = zip(curve.epochs.tolist(), curve.train.tolist(), validation, strict=True)
-        lines += [f"{epoch},{k},{train!r},{judged}" for epoch, train, judged in rows]
-    return "\n".join(lines) + "\n"
 
 
 __all__ = ["FINISHED", "RunFolder"]
