@@ -38,3 +38,16 @@ def test_an_inverter_is_trained_saved_and_measured(tmp_path: Path):
     assert [len(task["rows"]) for task in json.loads(Path(record).read_text())] == [11, 11]
     again = run("scripts/train_inverter.py", *few, "--load", folder)
     assert re.findall(r"\| inverter \|.*?%", printed) == re.findall(r"\| inverter \|.*?%", again)
+
+
+def test_the_stages_of_learning_go_on_where_they_stopped(tmp_path: Path):
+    record, picture = tmp_path / "stages.json", tmp_path / "stages.png"
+    few = ("--robots", "arm4", "--minutes", "0.002", "--seeds", "4", "--rows", "200", "--json", str(record))
+    assert run("scripts/bench_learning.py", *few).count("arm4|4|0.002|") == 8
+    kept = json.loads(record.read_text())
+    del kept["arm4|4|0.002|no network"]
+    record.write_text(json.dumps(kept))
+    again = run("scripts/bench_learning.py", *few, "--picture", str(picture))
+    assert re.findall(r"arm4\|4\|0\.002\|[a-z ]+", again) == ["arm4|4|0.002|no network "]
+    assert again.count(" % |\n") == 8
+    assert picture.stat().st_size > 10_000
