@@ -3,21 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from ikgrad.cli.parsing import Commands, count, example
-from ikgrad.cli.reproduce.shared import (
-    add_options,
-    add_resume,
-    check_outputs,
-    checkpoint_folder,
-    output_folder,
-    present,
-    study_progress,
-)
-
-if TYPE_CHECKING:
-    from ikgrad.config import DensoConfig
+from ikgrad.cli.reproduce.shared import add_options, add_resume, configured, reproduce
 
 FIGURES = ("figure04", "figure06", "figure11", "figure12", "figure13", "figure14", "drift")
 FILES = (*(f"denso_{name}.png" for name in FIGURES), "denso.json")
@@ -40,26 +28,7 @@ def add(papers: Commands) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study, print it, and write its figures; all mistakes are found before the work starts."""
-    config = _config(args)
-    with output_folder(args.out):
-        outputs = check_outputs(args.out, FILES, force=args.force)
-        with checkpoint_folder(args) as checkpoints:
-            from ikgrad.papers.denso.figures import FIGURES
-            from ikgrad.papers.denso.report import report
-            from ikgrad.papers.denso.study import run_study
+    """Run the study."""
+    from ikgrad.config import DensoConfig
 
-            with study_progress("denso", "epochs", finish_step=True) as show:
-                study = run_study(config, checkpoints=checkpoints, progress=show)
-            present(study, report(study), outputs, FIGURES, as_json=args.json)
-    return 0
-
-
-def _config(args: argparse.Namespace) -> DensoConfig:
-    from dataclasses import replace
-
-    from ikgrad.config import DensoConfig, load_config
-
-    config = load_config(DensoConfig, args.config) if args.config else DensoConfig()
-    given = {"epochs": args.epochs, "seeds": args.seeds}
-    return replace(config, **{key: value for key, value in given.items() if value is not None})
+    return reproduce(args, configured(DensoConfig, args, "epochs", "seeds"), FILES, resumable=True)

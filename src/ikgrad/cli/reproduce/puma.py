@@ -6,15 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ikgrad.cli.parsing import Commands, count, example
-from ikgrad.cli.reproduce.shared import (
-    add_options,
-    add_resume,
-    check_outputs,
-    checkpoint_folder,
-    output_folder,
-    present,
-    study_progress,
-)
+from ikgrad.cli.reproduce.shared import add_options, add_resume, reproduce, with_options
 
 if TYPE_CHECKING:
     from ikgrad.config import PumaConfig
@@ -47,30 +39,15 @@ def add(papers: Commands) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study, print it, and write its figures; all mistakes are found before the work starts."""
-    config = _config(args)
-    with output_folder(args.out):
-        outputs = check_outputs(args.out, FILES, force=args.force)
-        with checkpoint_folder(args) as checkpoints:
-            from ikgrad.papers.puma.figures import FIGURES
-            from ikgrad.papers.puma.report import report
-            from ikgrad.papers.puma.study import run_study
-
-            with study_progress("puma", "steps", finish_step=True) as show:
-                study = run_study(config, races=args.races, checkpoints=checkpoints, progress=show)
-            present(study, report(study), outputs, FIGURES, as_json=args.json)
-    return 0
+    """Run the study."""
+    return reproduce(args, _config(args), FILES, unit="steps", resumable=True, races=args.races)
 
 
 def _config(args: argparse.Namespace) -> PumaConfig:
-    from dataclasses import replace
-
     from ikgrad.config import PumaConfig, RuleConfig, load_config
     from ikgrad.errors import ConfigError
 
     if args.full and args.epochs is not None:
         raise ConfigError(f"--full means --epochs {FULL}; give one of the two")
     config = PumaConfig(rules=tuple(load_config(RuleConfig, file) for file in args.config or ()))
-    epochs = FULL if args.full else args.epochs
-    given = {"epochs": epochs, "seeds": args.seeds}
-    return replace(config, **{key: value for key, value in given.items() if value is not None})
+    return with_options(config, {"epochs": FULL if args.full else args.epochs, "seeds": args.seeds})

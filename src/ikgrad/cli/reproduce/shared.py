@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ikgrad.cli.terminal import Interrupted, Progress, note, print_json, print_table, stop_between_steps
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from ikgrad.papers.record import Table
+
+C = TypeVar("C", bound="DataclassInstance")
 
 
 def add_options(parser: argparse.ArgumentParser, paper: str) -> None:
@@ -26,6 +32,55 @@ def add_options(parser: argparse.ArgumentParser, paper: str) -> None:
 def add_resume(parser: argparse.ArgumentParser) -> None:
     """The option of papers whose trainings leave checkpoints, see `checkpoint_folder`."""
     parser.add_argument("--resume", action="store_true", help="go on with the run that was cut off in DIR")
+
+
+def configured(config: type[C], args: argparse.Namespace, *keys: str) -> C:
+    """Settings of a paper: its own, or those of ``--config``, changed by the options of these names."""
+    from ikgrad.config import load_config
+
+    settings = load_config(config, args.config) if args.config else config()
+    return with_options(settings, {key: getattr(args, key) for key in keys})
+
+
+def with_options(config: C, options: Mapping[str, Any]) -> C:
+    """Settings changed by the options that were given."""
+    return dataclasses.replace(config, **{key: value for key, value in options.items() if value is not None})
+
+
+def reproduce(
+    args: argparse.Namespace,
+    config: Any,
+    files: Iterable[str],
+    *,
+    unit: str = "epochs",
+    finish_step: bool = True,
+    resumable: bool = False,
+    **settings: Any,
+) -> int:
+    """Run a study, print it, and write its figures; all mistakes are found before the work starts.
+
+    Every paper is a package of the same make: ``study.run_study``, ``report.report`` and ``figures.FIGURES``.
+
+    Args:
+        args: of the command line.
+        config: of the study.
+        files: to be written, if there is a folder.
+        unit: of progress.
+        finish_step: see `study_progress`.
+        resumable: the study keeps checkpoints.
+        settings: further arguments of ``run_study``.
+    """
+    with output_folder(args.out):
+        outputs = check_outputs(args.out, files, force=args.force)
+        with checkpoint_folder(args) if resumable else contextlib.nullcontext() as checkpoints:
+            if resumable:
+                settings["checkpoints"] = checkpoints
+            parts = (import_module(f"ikgrad.papers.{args.paper}.{part}") for part in ("study", "report", "figures"))
+            study_of, report_of, figures_of = parts
+            with study_progress(args.paper, unit, finish_step=finish_step) as show:
+                study = study_of.run_study(config, progress=show, **settings)
+            present(study, report_of.report(study), outputs, figures_of.FIGURES, as_json=args.json)
+    return 0
 
 
 def print_report(tables: Iterable[Table]) -> None:
