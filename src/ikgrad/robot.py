@@ -129,6 +129,13 @@ class Robot:
         """A length that makes metres and radians comparable: the reach bound, or 1 m if that is infinite or 0."""
         return self.reach_bound if 0 < self.reach_bound < float("inf") else 1.0
 
+    @cached_property
+    def typical_length(self) -> float:
+        """A quarter of the summed link lengths [m], 1 m if there are none: what damped steps divide lengths by."""
+        tables = self.detach().tables()
+        links = float(tables.origins[1:, :3, 3].norm(dim=-1).sum() + tables.tool[:3, 3].norm())
+        return links / 4 if links > 0 else 1.0
+
     @property
     def requires_grad(self) -> bool:
         """True if gradients with respect to the `geometry` are wanted."""
@@ -227,8 +234,8 @@ class Robot:
         return replace(self, geometry=new)
 
     def detach(self) -> Robot:
-        """The same robot with its `geometry` cut off from autograd; itself if it has none."""
-        if self.geometry is None:
+        """The same robot with its `geometry` cut off from autograd; itself if there is nothing to cut."""
+        if self.geometry is None or not self.requires_grad:
             return self
         return replace(self, geometry=Geometry(*(t.detach() for t in self.geometry)))
 

@@ -21,7 +21,7 @@ from ikgrad.errors import ConfigError, DataError
 from ikgrad.export.refined import Refined
 from ikgrad.files.places import check_output, in_one_move
 from ikgrad.kinematics import forward_kinematics
-from ikgrad.networks import IncrementInverter, Inverter
+from ikgrad.networks import Inverter
 from ikgrad.networks.storage import AnyInverter
 
 FORMAT = "ikgrad export 1"
@@ -39,27 +39,34 @@ class Exported(NamedTuple):
 
 
 def export_inverter(
-    inverter: AnyInverter, path: str | Path, *, steps: int | None = None, force: bool = False
+    inverter: AnyInverter,
+    path: str | Path,
+    *,
+    steps: int | None = None,
+    dtype: torch.dtype | None = None,
+    force: bool = False,
 ) -> Exported:
-    """Write an inverter as one file: scaling, and if wanted damped steps and the check, inside the graph.
+    """Write an inverter as one file: scaling, kinematics, and if wanted damped steps and the check, inside the graph.
 
-    Inputs are ``T`` (batch, 4, 4), and ``q_current`` (batch, n) for a feedback inverter; the output ``q`` is
-    (batch, n). With ``steps`` there are also ``position_error`` (batch,) [m] and ``rotation_error`` (batch,) [rad],
-    measured by forward kinematics in float64. The file is read back and compared with torch on 1,000 poses before it
-    gets its name, an ONNX file if onnxruntime is installed.
+    Inputs are ``T`` (batch, 4, 4), and ``q_current`` (batch, n) for an inverter that looks at the present joints; the
+    output ``q`` is (batch, n). With ``steps`` there are also ``position_error`` (batch,) [m] and ``rotation_error``
+    (batch,) [rad], measured by forward kinematics. Whatever the dtype of inputs and outputs, the chain is evaluated in
+    float64. The file is read back and compared with torch on 1,000 poses before it gets its name, an ONNX file if
+    onnxruntime is installed; torch takes the compiled kernels there, the graph does not.
 
     Args:
-        inverter: what to write.
+        inverter: what to write, of any family.
         path: ``.onnx``, or ``.pt2`` for `torch.export.load`.
         steps: damped steps behind the network, see `Refined`; 0 only measures; None leaves steps and check out.
+        dtype: float32 or float64, of inputs and outputs; default: that of an `Inverter`, which takes no other, and
+            float32 for the families that hold the chain.
         force: overwrite.
 
     Returns:
         Path, metadata, and the largest difference.
 
     Raises:
-        ConfigError: ``steps`` is negative, packages are missing, or the inverter is of a family whose steps are
-            compiled kernels.
+        ConfigError: ``steps`` is negative, the inverter does not take the dtype, or packages are missing.
         DataError: the file exists or cannot be written, or what was written computes something else.
 
     Example:
@@ -76,17 +83,14 @@ def export_inverter(
     path = check_output(path, SUFFIXES, force=force)
     if steps is not None and steps < 0:
         raise ConfigError(f"steps must not be negative, got {steps}")
-    if isinstance(inverter, IncrementInverter):
-        raise ConfigError(
-            f"an inverter of family '{inverter.family}' cannot be exported: its steps are compiled kernels"
-        )
+    dtype = _interface(inverter, dtype)
     module = (inverter if steps is None else Refined(inverter, steps=steps)).eval()
-    metadata = _describe(inverter, steps)
-    with in_one_move(path, force=force) as temporary:
+    metadata = _describe(inverter, steps, dtype)
+    with in_one_move(path, force=force) as temporary, torch.no_grad():
         write = _write_onnx if path.suffix == ".onnx" else _write_program
-        write(module, _example(inverter, _TRACED), temporary, metadata)
-        difference = _difference(module, _example(inverter, 1000), temporary)
-        if difference is not None and not difference < (1e-4 if inverter.dtype == torch.float32 else 1e-9):
+        write(module, _example(inverter, _TRACED, dtype), temporary, metadata)
+        difference = _difference(module, _example(inverter, 1000, dtype), temporary)
+        if difference is not None and not difference < _allowed(inverter, dtype):
             raise DataError(f"{path}: the exported graph differs from torch by {difference:.2g}; it was not kept")
     return Exported(path, metadata, difference)
 
@@ -109,10 +113,31 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     return metadata
 
 
-def _describe(inverter: Inverter, steps: int | None) -> dict[str, Any]:
+def _interface(inverter: AnyInverter, dtype: torch.dtype | None) -> torch.dtype:
+    """Of inputs and outputs."""
+    own = getattr(inverter, "dtype", None)
+    dtype = dtype or own or torch.float32
+    if dtype not in (torch.float32, torch.float64) or (own is not None and dtype != own):
+        allowed = "torch.float32 or torch.float64" if own is None else f"{own}, that of the inverter"
+        raise ConfigError(f"dtype must be {allowed}, got {dtype}")
+    return dtype
+
+
+def _allowed(inverter: AnyInverter, dtype: torch.dtype) -> float:
+    """Largest difference [rad or m] that is rounding: of the inputs and outputs, or of the network."""
+    network = next(inverter.parameters()).dtype
+    return 1e-4 if torch.float32 in (dtype, network) else 1e-9
+
+
+def _feedback(inverter: AnyInverter) -> bool:
+    """Whether the present joints are an input."""
+    return bool(getattr(inverter, "feedback", True))
+
+
+def _describe(inverter: AnyInverter, steps: int | None, dtype: torch.dtype) -> dict[str, Any]:
     robot = inverter.robot
     inputs = {"T": f"(batch, 4, 4) pose of {robot.tip} in {robot.base}, row-major homogeneous matrices [m]"}
-    if inverter.feedback:
+    if _feedback(inverter):
         inputs["q_current"] = f"(batch, {robot.dof}) present joints, in the order of joint_names"
     outputs = {"q": f"(batch, {robot.dof}) joints, in the order of joint_names"}
     if steps is not None:
@@ -130,18 +155,20 @@ def _describe(inverter: Inverter, steps: int | None) -> dict[str, Any]:
         "inputs": inputs,
         "outputs": outputs,
         "quaternions": "none at the interface: rotations are 3 x 3 matrices, columns are the tip's axes in the base",
-        "dtype": str(inverter.dtype).removeprefix("torch."),
+        "family": getattr(inverter, "family", "classic"),
+        "dtype": str(dtype).removeprefix("torch."),
+        "network_dtype": str(next(inverter.parameters()).dtype).removeprefix("torch."),
         "damped_steps": steps,
         "versions": {"ikgrad": __version__, "torch": torch.__version__, "python": platform.python_version()},
     }
 
 
-def _example(inverter: Inverter, count: int) -> tuple[Tensor, ...]:
-    """Poses, and for a feedback inverter joints a little beside."""
+def _example(inverter: AnyInverter, count: int, dtype: torch.dtype) -> tuple[Tensor, ...]:
+    """Poses, and for an inverter that looks at the present joints some a little beside."""
     robot = inverter.robot.detach()
     q = sample_configurations(robot, count, seed=0)
-    T = forward_kinematics(robot, q).to(inverter.dtype)
-    return (T, (q + 0.05).to(inverter.dtype)) if inverter.feedback else (T,)
+    T = forward_kinematics(robot, q).to(dtype)
+    return (T, (q + 0.05).to(dtype)) if _feedback(inverter) else (T,)
 
 
 def _shapes(arguments: tuple[Tensor, ...]) -> tuple[dict[int, Any], ...]:
@@ -191,7 +218,6 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-@torch.no_grad()
 def _difference(module: nn.Module, arguments: tuple[Tensor, ...], path: Path) -> float | None:
     """Largest difference of the joints between the file and torch."""
     wanted = module(*arguments)

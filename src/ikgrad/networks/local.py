@@ -60,13 +60,14 @@ class IncrementInverter(nn.Module):
         limited = robot.q_min.isfinite() & robot.q_max.isfinite()
         low, high = (limit.to("cpu", torch.float64) for limit in (robot.q_min, robot.q_max))
         slides = ~robot.revolute
-        self._turns, self._seen = robot.revolute.cpu(), (limited | slides).cpu()
+        self._turns = robot.revolute.cpu().nonzero()[:, 0]
+        self._seen = (limited | slides).cpu().nonzero()[:, 0]
         zero, one = torch.zeros_like(low), torch.ones_like(low)
         self.register_buffer("middle", torch.where(limited, (low + high) / 2, zero), persistent=False)
         self.register_buffer("span", torch.where(limited, (high - low) / 2, one).clamp(min=1e-6), persistent=False)
         unit = one.masked_fill(slides.cpu(), typical_length(robot))  # of a joint's change, as the network says it
         self.register_buffer("unit", unit, persistent=False)
-        inputs, outputs = self._sizes(2 * int(robot.revolute.sum()) + int(self._seen.sum()))
+        inputs, outputs = self._sizes(2 * len(self._turns) + len(self._seen))
         self.network = ResidualMLP(inputs, outputs, width=width, depth=depth, activation=activation, seed=seed)
 
     def forward(self, T: Tensor, q_current: Tensor) -> Tensor:
@@ -140,8 +141,7 @@ class IncrementInverter(nn.Module):
 
     def _joint_names(self) -> tuple[str, ...]:
         names = self.robot.joint_names
-        turns = [name for name, turn in zip(names, self._turns.tolist(), strict=True) if turn]
-        seen = [name for name, shown in zip(names, self._seen.tolist(), strict=True) if shown]
+        turns, seen = ([names[k] for k in columns.tolist()] for columns in (self._turns, self._seen))
         return (*[f"sin {n}" for n in turns], *[f"cos {n}" for n in turns], *[f"place of {n}" for n in seen])
 
 

@@ -1,7 +1,8 @@
 """Damped steps for all rows in lock step: what a network holds of the chain, and the baseline that it must beat.
 
 No restarts, no rows that leave, no gradient: a fixed number of Levenberg-Marquardt steps, and a look at the next one.
-On the CPU compiled (`ikgrad.engine.damped`), elsewhere in torch operations.
+On the CPU compiled (`ikgrad.engine.damped`), elsewhere in torch operations; so also when a graph is drawn
+(`torch.export`, ONNX), for which these are operations that exchange formats have in float64.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import torch
 from torch import Tensor
 
 from ikgrad.errors import ConfigError
-from ikgrad.kinematics import check_poses, check_q, pose_and_jacobian, pose_error
+from ikgrad.kinematics import check_poses, check_q, no_transform, pose_and_jacobian
 from ikgrad.robot import Robot
+from ikgrad.rotations import drawn_log_rotation
 
 DAMPING = 0.1  # best for local tasks of all built-in arms: larger is slower, smaller leaves more rows behind
 MAX_STEP = 0.8  # rad, or typical lengths
@@ -37,9 +39,7 @@ class Damped(NamedTuple):
 
 def typical_length(robot: Robot) -> float:
     """A quarter of the summed link lengths [m], 1 m if there are none: position errors count divided by it."""
-    tables = robot.detach().tables()
-    links = float(tables.origins[1:, :3, 3].norm(dim=-1).sum() + tables.tool[:3, 3].norm())
-    return links / 4 if links > 0 else 1.0
+    return robot.detach().typical_length
 
 
 def damped_steps(
@@ -90,7 +90,7 @@ def damped_steps(
     lead = torch.broadcast_shapes(T_target.shape[:-2], q.shape[:-1])
     T = T_target.detach().expand(*lead, 4, 4).reshape(-1, 4, 4).to(q.device)
     rows = q.detach().expand(*lead, -1).reshape(-1, robot.dof)
-    run = _compiled if q.device.type == "cpu" and robot.geometry is None else _plain
+    run = _compiled if q.device.type == "cpu" and robot.geometry is None and no_transform() else _plain
     found = run(robot.detach(), T, rows, steps, damping, max_step)
     return Damped(*(part.to(q.dtype).reshape(*lead, *part.shape[1:]) for part in found))
 
@@ -115,7 +115,7 @@ def _plain(robot: Robot, T: Tensor, q: Tensor, steps: int, damping: float, max_s
     q = q.clamp(low, high)
     for turn in range(steps + 1):
         pose, J = pose_and_jacobian(robot, q)
-        e = pose_error(pose, T) * shrink
+        e = _missing(pose, T) * shrink
         J = J * shrink[:, None] * unit
         step = _step(J, e, q, low, high, damping, max_step) * unit
         step = (q + step).clamp(low, high) - q
@@ -127,13 +127,46 @@ def _plain(robot: Robot, T: Tensor, q: Tensor, steps: int, damping: float, max_s
     return Damped(q, error, step, slope / unit)
 
 
+def _missing(T: Tensor, goal: Tensor) -> Tensor:
+    """`ikgrad.kinematics.pose_error`, in operations that exchange formats have."""
+    rotation = drawn_log_rotation(goal[:, :3, :3] @ T[:, :3, :3].mT)
+    return torch.cat([goal[:, :3, 3] - T[:, :3, 3], rotation], dim=-1)
+
+
 def _step(J: Tensor, e: Tensor, q: Tensor, low: Tensor, high: Tensor, damping: float, max_step: float) -> Tensor:
     slope = (J.mT @ e[..., None])[..., 0]
     held = ((q >= high) & (slope > 0)) | ((q <= low) & (slope < 0))
     J = torch.where(held[:, None, :], 0.0, J)
     mu = damping * e.square().sum(-1) + 1e-12
     A = J @ J.mT + mu[:, None, None] * torch.eye(6).to(e)
-    return (J.mT @ torch.linalg.solve(A, e[..., None]))[..., 0].clamp(-max_step, max_step)
+    return (J.mT @ solve_spd(A, e)[..., None])[..., 0].clamp(-max_step, max_step)
 
 
-__all__ = ["DAMPING", "Damped", "MAX_STEP", "damped_steps", "typical_length"]
+def solve_spd(A: Tensor, b: Tensor) -> Tensor:
+    """Solution of ``A x = b`` for a symmetric positive definite A, by Gauss-Jordan elimination without pivots.
+
+    Exchange formats have no Cholesky factor; products and quotients they all have. Pivots of such a matrix are never
+    zero, and none is exchanged, so the graph is a straight line.
+
+    Args:
+        A: (..., k, k)
+        b: (..., k)
+
+    Returns:
+        (..., k)
+
+    Example:
+        >>> import torch
+        >>> solve_spd(torch.tensor([[4.0, 2.0], [2.0, 3.0]]), torch.tensor([8.0, 8.0]))
+        tensor([1., 2.])
+    """
+    k = A.shape[-1]
+    M = torch.cat([A, b[..., None]], dim=-1)
+    unit = torch.eye(k, dtype=A.dtype, device=A.device)
+    for j in range(k):
+        row = M[..., j : j + 1, :] / M[..., j : j + 1, j : j + 1]
+        M = M - (M[..., :, j : j + 1] - unit[:, j : j + 1]) * row
+    return M[..., k]
+
+
+__all__ = ["DAMPING", "Damped", "MAX_STEP", "damped_steps", "solve_spd", "typical_length"]
