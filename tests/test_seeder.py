@@ -98,7 +98,20 @@ def test_a_seeder_of_another_robot_is_refused(robot):
         ik.solve_ik(robot, T, seeder=inverter)
 
 
+def test_an_inverter_from_the_present_joints_gets_q0_or_the_middle(robot):
+    q, T = poses(robot, 2, 5)
+    there = (q + 0.1).clamp(robot.q_min, robot.q_max)
+    inverter = ik.load_inverter("panda")
+    answer = ik.solve_ik(robot, T, q0=there, seeder=inverter)
+    assert answer.success.all()
+    with torch.no_grad():
+        assert torch.equal(answer.q, ik.solve_ik(robot, T, q0=inverter(T, there)).q)
+        middle = ((robot.q_min + robot.q_max) / 2).expand_as(q)
+        assert torch.equal(seeds(robot, T, inverter), inverter(T, middle))
+    assert answer.steps.sum() < ik.solve_ik(robot, T, q0=there).steps.sum()
+
+
 def test_two_starts_are_refused(robot):
     q, T = poses(robot, 5)
-    with pytest.raises(ik.ConfigError, match="give q0 or a seeder, not both"):
+    with pytest.raises(ik.ConfigError, match=r"give q0 or a seeder, not both: .* this seeder does not look at q0"):
         ik.solve_ik(robot, T, q0=q, seeder=lambda T: q)

@@ -5,6 +5,20 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+# 4 q q^T = unit + (flattened R) @ this, row after row, for the unit quaternion q = (w, x, y, z) of R
+_UNIT = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+_TO_QUATERNION = [
+    [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1],
+    [0, 0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, -1, 0, 0, 0],
+    [0, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0],
+    [0, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0],
+    [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1],
+    [0, -1, 0, 0, -1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 1, 0],
+    [0, 0, -1, 0, 0, 0, 0, 1, -1, 0, 0, 0, 0, 1, 0, 0],
+    [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 1, 0],
+    [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1],
+]
+
 
 def log_rotation(R: Tensor) -> Tensor:
     """Rotation vector of a rotation matrix, exact at 0 and at pi, with finite gradients (by roma).
@@ -43,17 +57,12 @@ def drawn_log_rotation(R: Tensor) -> Tensor:
         >>> drawn_log_rotation(quarter)
         tensor([0.0000, 0.0000, 1.5708], dtype=torch.float64)
     """
-    (a, b, c), (d, e, f), (g, h, i) = (row.unbind(-1) for row in R.unbind(-2))
-    rows = (
-        (1 + a + e + i, h - f, c - g, d - b),
-        (h - f, 1 + a - e - i, b + d, c + g),
-        (c - g, b + d, 1 - a + e - i, f + h),
-        (d - b, c + g, f + h, 1 - a - e + i),
-    )
-    best, largest = torch.stack(rows[0], dim=-1), rows[0][0]
+    rows = (R.flatten(-2) @ R.new_tensor(_TO_QUATERNION) + R.new_tensor(_UNIT)).unflatten(-1, (4, 4))
+    best = rows[..., 0, :]
+    largest = rows[..., 0, :1]
     for k in (1, 2, 3):
-        best = torch.where((rows[k][k] > largest)[..., None], torch.stack(rows[k], dim=-1), best)
-        largest = torch.maximum(largest, rows[k][k])
+        best = torch.where(rows[..., k, k : k + 1] > largest, rows[..., k, :], best)
+        largest = torch.maximum(largest, rows[..., k, k : k + 1])
     quat_wxyz = best / best.square().sum(dim=-1, keepdim=True).sqrt()
     w, v = quat_wxyz[..., :1], quat_wxyz[..., 1:]
     v, w = torch.where(w < 0, -v, v), w.abs()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 import torch
 
 import ikgrad as ik
+from ikgrad.networks import storage
 from ikgrad.resources import builtin_file
 
 ROBOT = ik.load_robot("denso_vp6242")
@@ -99,17 +101,37 @@ def test_weights_of_another_robot_are_refused_with_both_fingerprints(folder: Pat
 @pytest.mark.parametrize(
     ("old", "new", "differs"),
     [
-        ('xyz="0.21 0 0"', 'xyz="0.22 0 0"', "what differs: the geometry of the links"),
-        ('"joint_4"', '"elbow"', "joint names .*'joint_4'.*now .*'elbow'"),
-        ('lower="-2.09', 'lower="-2.08', "q min .*-2.09.*now .*-2.08"),
+        (
+            'xyz="0.21 0 0"',
+            'xyz="0.211 0 0"',
+            r"geometry of joint_3 xyz 0\.21( 0 0 rpy 0 0 0, revolute by 1 q \+0 along 0 0 1), now joint_3 xyz 0\.211\1",
+        ),
+        ('"joint_4"', '"elbow"', r"joint names \['joint_1', .*'joint_4'.*now .*'elbow', 'joint_5', 'joint_6'\]"),
+        ('"joint_4"', '"joint_5"', r"joint names .*'joint_4', 'joint_5', .*now .*'joint_5', 'joint_4', 'joint_6'\]"),
+        ('lower="-2.09', 'lower="-2.08', r"limits of joint_5 \[-2\.09\d*, (2\.09\d*)\], now \[-2\.08\d*, \1\]"),
     ],
+    ids=["1 mm", "another name", "another order", "a limit"],
 )
-def test_a_changed_urdf_is_refused(folder: Path, tmp_path: Path, old: str, new: str, differs: str):
+def test_a_changed_urdf_is_refused_with_both_fingerprints(
+    folder: Path, tmp_path: Path, old: str, new: str, differs: str
+):
     text = builtin_file("urdf", "denso_vp6242").read_text()
-    path = tmp_path / "denso_vp6242.urdf"
-    path.write_text(text.replace(old, new))
     assert old in text
-    with pytest.raises(ik.RobotError, match=differs):
+    path = tmp_path / "denso_vp6242.urdf"
+    path.write_text(text.replace(new, "*").replace(old, new).replace("*", old))  # swaps the two if both are there
+    changed = ik.load_robot(path)
+    wanted = f"with fingerprint {ROBOT.fingerprint}, not for 'denso_vp6242' with {changed.fingerprint}; what differs: "
+    with pytest.raises(ik.RobotError, match=f"{re.escape(wanted)}{differs}$") as caught:
+        ik.load_inverter(folder, robot=changed)
+    assert "\n" not in str(caught.value)
+
+
+def test_folders_that_do_not_tell_their_geometry_are_read_and_compared(folder: Path, tmp_path: Path):
+    edit(folder, lambda config: config["robot"].pop("geometry"))
+    assert torch.equal(ik.load_inverter(folder)(T), make()(T))
+    path = tmp_path / "denso_vp6242.urdf"
+    path.write_text(builtin_file("urdf", "denso_vp6242").read_text().replace('xyz="0.21 0 0"', 'xyz="0.211 0 0"'))
+    with pytest.raises(ik.RobotError, match=r"what differs: the geometry of the links$"):
         ik.load_inverter(folder, robot=ik.load_robot(path))
 
 
@@ -141,7 +163,10 @@ def test_damaged_weights_are_refused(folder: Path, tmp_path: Path, harm: str):
     if harm == "flip":
         content[-1] ^= 1
     path.write_bytes({"cut": content[:-8], "empty": b""}.get(harm, content))
-    with pytest.raises(ik.DataError, match="the weights are truncated or were changed since they were saved"):
+    wanted = (
+        r"the weights are truncated or were changed since they were saved: \d+ bytes with checksum \w{16}, not \w{16}$"
+    )
+    with pytest.raises(ik.DataError, match=wanted):
         ik.load_inverter(folder)
 
 
@@ -155,12 +180,18 @@ def test_weights_that_are_no_weights_are_refused(folder: Path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.pop("weights_sha256"), "the metadata lack weights_sha256; the weights cannot be trusted without"),
-        (lambda c: c["robot"].pop("fingerprint"), "the metadata lack fingerprint"),
         (lambda c: c["network"].clear(), "the metadata lack feedback, hidden, activation"),
         (lambda c: c.update(network=3), "the metadata lack feedback"),
         (lambda c: c.update(format="other"), "is no inverter of this version of ikgrad"),
-        (lambda c: c["network"].update(hidden=[11]), "the weights do not fit the configuration"),
+        (
+            lambda c: c["network"].update(hidden=[11]),
+            r"configuration: network\.biases\.0 is \(1, 10\) in the weights and \(1, 11\) by the configuration$",
+        ),
+        (
+            lambda c: c["network"].update(hidden=[10, 10]),
+            r"network\.biases\.1 is \(1, 6\) in the weights and \(1, 10\) by the configuration$",
+        ),
+        (lambda c: c.update(family="oracle"), r"unknown family 'oracle' .*known: classic, increment, unrolled\)$"),
         (lambda c: c["network"].update(hidden="many"), "the weights do not fit the configuration"),
         (lambda c: c["network"].update(activation="tan"), "fit the configuration: unknown activation 'tan'"),
         (lambda c: c["network"].update(dtype="float65"), "the weights do not fit the configuration"),
@@ -171,6 +202,27 @@ def test_metadata_that_lack_or_contradict_are_refused(folder: Path, change: Call
     edit(folder, change)
     with pytest.raises(ik.DataError, match=message):
         ik.load_inverter(folder)
+
+
+@pytest.mark.parametrize("family", storage._FAMILIES)
+def test_metadata_that_lack_any_key_are_refused(tmp_path: Path, family: str):
+    makers = {"classic": make, "increment": ik.IncrementInverter, "unrolled": ik.UnrolledInverter}
+    inverter = make() if family == "classic" else makers[family](ROBOT, width=4, depth=1)
+    path = inverter.save(tmp_path / "mine") / "config.json"
+    whole = path.read_text()
+    for part, keys in (
+        (None, storage._KEYS[1:]),
+        ("robot", storage._ROBOT_KEYS),
+        ("network", storage._FAMILIES[family][1]),
+    ):
+        for key in keys:
+            config = json.loads(whole)
+            (config if part is None else config[part]).pop(key)
+            path.write_text(json.dumps(config))
+            with pytest.raises(
+                ik.DataError, match=f"the metadata lack (.*, )?{key}.*; the weights cannot be trusted without$"
+            ):
+                ik.load_inverter(tmp_path / "mine")
 
 
 def test_missing_files_are_refused(folder: Path, tmp_path: Path):

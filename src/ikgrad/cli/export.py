@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from ikgrad.cli.parsing import Commands, example
 from ikgrad.cli.terminal import print_json
@@ -11,9 +10,10 @@ from ikgrad.cli.terminal import print_json
 DESCRIPTION = """\
 a trained inverter as one file: ONNX (.onnx, needs the extra 'export') or torch.export (.pt2), by suffix.
 
-Inputs are T (batch, 4, 4), and q_current (batch, n) for a feedback inverter; scaling is inside. With --steps K the
-graph also takes K damped least-squares steps and measures the errors by forward kinematics, in float64. The file
-holds joint names, units, frames and the fingerprint of the robot; it is compared with torch before it is kept."""
+Inputs are T (batch, 4, 4), and q_current (batch, n) for an inverter that looks at the present joints; scaling and
+kinematics are inside. With --steps K the graph also takes K damped least-squares steps and measures the errors by
+forward kinematics. The chain is evaluated in float64 whatever --dtype says. The file holds joint names, units, frames
+and the fingerprint of the robot; it is compared with torch before it is kept."""
 
 
 def add(commands: Commands) -> None:
@@ -22,14 +22,17 @@ def add(commands: Commands) -> None:
         "export",
         help="a trained inverter as an ONNX or torch.export file",
         description=DESCRIPTION,
-        epilog=example("ikgrad export runs/denso denso.onnx\nikgrad export runs/denso denso.onnx --steps 2"),
+        epilog=example("ikgrad export panda panda.onnx\nikgrad export runs/denso denso.onnx --steps 2"),
     )
-    parser.add_argument("run_folder", metavar="RUN", help="run folder of `ikgrad train`, or folder of one inverter")
+    parser.add_argument(
+        "run_folder", metavar="RUN", help="run folder of `ikgrad train`, folder of one inverter, or ready-made name"
+    )
     parser.add_argument("output", metavar="FILE", help="what to write, .onnx or .pt2")
     parser.add_argument("--robot", metavar="ROBOT", help="the robot, if it is not built in: path of its URDF file")
     parser.add_argument("--base", metavar="LINK", help="its base link")
     parser.add_argument("--tip", metavar="LINK", help="its tip link")
     parser.add_argument("--steps", type=int, metavar="K", help="damped steps and the check inside the graph")
+    parser.add_argument("--dtype", choices=("float32", "float64"), help="of inputs and outputs (the inverter's own)")
     parser.add_argument("--force", action="store_true", help="overwrite FILE")
     parser.add_argument("--json", action="store_true", help="print the file's metadata as one JSON document")
     parser.set_defaults(run=run)
@@ -37,6 +40,8 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the file."""
+    import torch
+
     from ikgrad.export import export_inverter
     from ikgrad.export.files import SUFFIXES
     from ikgrad.files.places import check_output
@@ -44,9 +49,10 @@ def run(args: argparse.Namespace) -> int:
     from ikgrad.robot import load_robot
 
     check_output(args.output, SUFFIXES, force=args.force)
-    folder = _inverter_folder(Path(args.run_folder))
     robot = load_robot(args.robot, base=args.base, tip=args.tip) if args.robot else None
-    done = export_inverter(load_inverter(folder, robot=robot), args.output, steps=args.steps, force=args.force)
+    inverter = load_inverter(args.run_folder, robot=robot)
+    dtype = getattr(torch, args.dtype) if args.dtype else None
+    done = export_inverter(inverter, args.output, steps=args.steps, dtype=dtype, force=args.force)
     if args.json:
         print_json({"output": str(done.path), "difference": done.difference, **done.metadata})
         return 0
@@ -56,16 +62,3 @@ def run(args: argparse.Namespace) -> int:
     kind = "" if args.steps is None else f", {args.steps} damped steps and the check inside"
     print(f"{done.metadata['robot']['name']}{kind} -> {done.path} ({compared})")
     return 0
-
-
-def _inverter_folder(folder: Path) -> Path:
-    """The folder with the weights: the one that is named, or the model in a run."""
-    from ikgrad.errors import DataError
-
-    for candidate in (folder, folder / "model"):
-        if (candidate / "config.json").is_file():
-            return candidate
-    members = sorted(path.name for path in folder.glob("model-*"))
-    if members:
-        raise DataError(f"{folder}: holds {len(members)} members; name one, such as {folder / members[0]}")
-    raise DataError(f"{folder}: holds no trained inverter")

@@ -21,7 +21,6 @@ from ikgrad.errors import ConfigError, DataError
 from ikgrad.export.refined import Refined
 from ikgrad.files.places import check_output, in_one_move
 from ikgrad.kinematics import forward_kinematics
-from ikgrad.networks import Inverter
 from ikgrad.networks.storage import AnyInverter
 
 FORMAT = "ikgrad export 1"
@@ -129,15 +128,10 @@ def _allowed(inverter: AnyInverter, dtype: torch.dtype) -> float:
     return 1e-4 if torch.float32 in (dtype, network) else 1e-9
 
 
-def _feedback(inverter: AnyInverter) -> bool:
-    """Whether the present joints are an input."""
-    return bool(getattr(inverter, "feedback", True))
-
-
 def _describe(inverter: AnyInverter, steps: int | None, dtype: torch.dtype) -> dict[str, Any]:
     robot = inverter.robot
     inputs = {"T": f"(batch, 4, 4) pose of {robot.tip} in {robot.base}, row-major homogeneous matrices [m]"}
-    if _feedback(inverter):
+    if inverter.feedback:
         inputs["q_current"] = f"(batch, {robot.dof}) present joints, in the order of joint_names"
     outputs = {"q": f"(batch, {robot.dof}) joints, in the order of joint_names"}
     if steps is not None:
@@ -168,7 +162,7 @@ def _example(inverter: AnyInverter, count: int, dtype: torch.dtype) -> tuple[Ten
     robot = inverter.robot.detach()
     q = sample_configurations(robot, count, seed=0)
     T = forward_kinematics(robot, q).to(dtype)
-    return (T, (q + 0.05).to(dtype)) if _feedback(inverter) else (T,)
+    return (T, (q + 0.05).to(dtype)) if inverter.feedback else (T,)
 
 
 def _shapes(arguments: tuple[Tensor, ...]) -> tuple[dict[int, Any], ...]:
@@ -179,9 +173,11 @@ def _shapes(arguments: tuple[Tensor, ...]) -> tuple[dict[int, Any], ...]:
 def _write_onnx(module: nn.Module, arguments: tuple[Tensor, ...], path: Path, metadata: dict[str, Any]) -> None:
     try:
         import onnx  # noqa: F401
-        import onnxscript  # noqa: F401
+        from onnxscript import optimizer
     except ImportError as error:
-        raise ConfigError(f"ONNX files need {error.name}; pip install 'ikgrad[export]'") from error
+        raise ConfigError(
+            f"ONNX files need {(error.name or '').partition('.')[0]}; pip install 'ikgrad[export]'"
+        ) from error
     names = ["q", "position_error", "rotation_error"] if isinstance(module, Refined) else ["q"]
     with _quiet():
         program = torch.onnx.export(
@@ -192,8 +188,11 @@ def _write_onnx(module: nn.Module, arguments: tuple[Tensor, ...], path: Path, me
             input_names=["T", "q_current"][: len(arguments)],
             output_names=names,
             verbose=False,
+            optimize=False,  # takes minutes over the chain, and leaves no more than the two passes below
         )
-    assert program is not None
+        assert program is not None
+        optimizer.fold_constants(program.model)
+        optimizer.remove_unused_nodes(program.model)
     program.model.metadata_props["ikgrad"] = json.dumps(metadata)
     program.save(path)
 

@@ -50,6 +50,7 @@ class IncrementInverter(nn.Module):
     """
 
     family: ClassVar[str] = "increment"
+    feedback: ClassVar[bool] = True  # it looks at the present joints
     middle: Tensor
     span: Tensor
     unit: Tensor

@@ -20,11 +20,13 @@ import torch
 
 from ikgrad import __version__
 from ikgrad.errors import DataError, RobotError, UnknownNameError
+from ikgrad.networks.encodings import roll_pitch_yaw
 from ikgrad.networks.inverter import Inverter
 from ikgrad.networks.local import IncrementInverter, UnrolledInverter
+from ikgrad.networks.places import CONFIG, WEIGHTS, find_inverter
 from ikgrad.robot import Robot, load_robot
+from ikgrad.segments import Segment
 
-WEIGHTS, CONFIG = "model.safetensors", "config.json"
 FORMAT = "ikgrad inverter 1"
 _KEYS = ("format", "robot", "units", "features", "network", "weights_sha256", "versions")
 _ROBOT_KEYS = ("name", "fingerprint", "joint_names", "base", "tip", "q_min", "q_max")
@@ -81,14 +83,23 @@ def load_inverter(path: str | Path, *, robot: Robot | None = None) -> AnyInverte
     """Read an inverter of any family that its ``save`` wrote, for the very robot that it was trained for.
 
     Args:
-        path: the folder.
+        path: the folder, or a run folder of `ikgrad train`; else the name of a built-in robot for which weights come
+            with the package. An existing folder goes before such a name.
         robot: the robot it shall serve; default: the built-in robot of the stored name, base and tip.
 
     Raises:
         RobotError: the weights belong to another robot, or to another version of it; the message says what differs.
+        UnknownNameError: no folder, and no weights of this name come with the package.
         DataError: a file is missing, truncated, changed, or lacks a part.
+
+    Example:
+        >>> import ikgrad as ik
+        >>> inverter = ik.load_inverter("panda")
+        >>> T, _, q_current = ik.data.TaskStream(inverter.robot, batch_size=4).batch(0)
+        >>> inverter(T, q_current).shape
+        torch.Size([4, 7])
     """
-    path = Path(path)
+    path = find_inverter(path)
     config = _read_config(path / CONFIG)
     robot = _builtin_robot(path, config["robot"]) if robot is None else robot
     _compare(path, config["robot"], robot)
@@ -97,6 +108,7 @@ def load_inverter(path: str | Path, *, robot: Robot | None = None) -> AnyInverte
         inverter = _make(robot, config)
         if list(inverter.feature_names) != config["features"]:
             raise ValueError("features of other names")
+        _check_sizes(state, inverter)
         inverter.load_state_dict(state)
     except (ValueError, TypeError, AttributeError, LookupError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
@@ -114,25 +126,48 @@ def _make(robot: Robot, config: Mapping[str, Any]) -> AnyInverter:
     return _FAMILIES[config.get("family", _CLASSIC)][0](robot, **settings)
 
 
+def _check_sizes(state: Mapping[str, torch.Tensor], inverter: torch.nn.Module) -> None:
+    wanted = inverter.state_dict()
+    for name in sorted(wanted.keys() | state.keys()):
+        have, want = (str(tuple(part[name].shape)) if name in part else "nothing" for part in (state, wanted))
+        if have != want:
+            raise ValueError(f"{name} is {have} in the weights and {want} by the configuration")
+
+
 def _describe(inverter: AnyInverter) -> dict[str, Any]:
-    robot = inverter.robot
     return {
         "format": FORMAT,
-        "robot": {
-            "name": robot.name,
-            "fingerprint": robot.fingerprint,
-            "joint_names": list(robot.joint_names),
-            "base": robot.base,
-            "tip": robot.tip,
-            "q_min": [_text(v.q_min) for v in robot.variables],
-            "q_max": [_text(v.q_max) for v in robot.variables],
-        },
+        "robot": _describe_robot(inverter.robot),
         "units": {"position": "m", "angle": "rad"},
         "features": list(inverter.feature_names),
         "family": _CLASSIC if isinstance(inverter, Inverter) else inverter.family,
         "network": _classic_settings(inverter) if isinstance(inverter, Inverter) else inverter.settings(),
         "versions": {"ikgrad": __version__, "torch": torch.__version__, "python": platform.python_version()},
     }
+
+
+def _describe_robot(robot: Robot) -> dict[str, Any]:
+    return {
+        "name": robot.name,
+        "fingerprint": robot.fingerprint,
+        "joint_names": list(robot.joint_names),
+        "base": robot.base,
+        "tip": robot.tip,
+        "q_min": [_text(v.q_min) for v in robot.variables],
+        "q_max": [_text(v.q_max) for v in robot.variables],
+        "geometry": [_geometry(segment) for segment in robot.segments],
+    }
+
+
+def _geometry(segment: Segment) -> str:
+    """Where a joint sits and how it moves, in words that a person can compare with the URDF."""
+    origin = torch.from_numpy(segment.origin)
+    parts = (origin[:3, 3].tolist(), roll_pitch_yaw(origin[:3, :3]).tolist(), segment.axis)
+    xyz, rpy, axis = (" ".join(f"{x + 0.0:.9g}" for x in part) for part in parts)
+    text = f"{segment.joint} xyz {xyz} rpy {rpy}"
+    if segment.kind == "fixed":
+        return text
+    return f"{text}, {segment.kind} by {segment.multiplier:g} q {segment.offset:+g} along {axis}"
 
 
 def _classic_settings(inverter: Inverter) -> dict[str, Any]:
@@ -185,19 +220,26 @@ def _builtin_robot(path: Path, stored: Mapping[str, Any]) -> Robot:
 def _compare(path: Path, stored: Mapping[str, Any], robot: Robot) -> None:
     if stored["fingerprint"] == robot.fingerprint:
         return
-    now = {
-        "joint_names": list(robot.joint_names),
-        "base": robot.base,
-        "tip": robot.tip,
-        "q_min": [_text(v.q_min) for v in robot.variables],
-        "q_max": [_text(v.q_max) for v in robot.variables],
-    }
-    differs = [f"{name.replace('_', ' ')} {stored[name]}, now {now[name]}" for name in now if stored[name] != now[name]]
-    what = "; ".join(differs) or "the geometry of the links"
+    what = "; ".join(_differences(stored, _describe_robot(robot))) or "the geometry of the links"
     raise RobotError(
         f"{path}: these weights are for robot '{stored['name']}' with fingerprint {stored['fingerprint']}, not for "
         f"'{robot.name}' with {robot.fingerprint}; what differs: {what}"
     )
+
+
+def _differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """In words, one after the other; of lists as long as each other what differs alone."""
+    for name in ("joint_names", "base", "tip"):
+        if stored[name] != now[name]:
+            yield f"{name.replace('_', ' ')} {stored[name]}, now {now[name]}"
+    if stored["joint_names"] == now["joint_names"]:
+        limits = (zip(part["q_min"], part["q_max"], strict=True) for part in (stored, now))
+        for name, before, after in zip(now["joint_names"], *limits, strict=True):
+            if before != after:
+                yield f"limits of {name} {list(before)}, now {list(after)}"
+    before, after = stored.get("geometry", []), now["geometry"]
+    if len(before) == len(after) and stored["joint_names"] == now["joint_names"]:
+        yield from (f"geometry of {a}, now {b}" for a, b in zip(before, after, strict=True) if a != b)
 
 
 def _read_weights(path: Path, checksum: str) -> dict[str, torch.Tensor]:
@@ -208,8 +250,12 @@ def _read_weights(path: Path, checksum: str) -> dict[str, torch.Tensor]:
         content = path.read_bytes()
     except OSError as error:
         raise DataError(f"{path}: cannot read the weights: {error.strerror}") from error
-    if hashlib.sha256(content).hexdigest() != checksum:
-        raise DataError(f"{path}: the weights are truncated or were changed since they were saved (checksum)")
+    found = hashlib.sha256(content).hexdigest()
+    if found != checksum:
+        raise DataError(
+            f"{path}: the weights are truncated or were changed since they were saved: {len(content)} bytes with "
+            f"checksum {found[:16]}, not {str(checksum)[:16]}"
+        )
     try:
         return load(content)
     except SafetensorError as error:  # a right checksum over something else

@@ -67,7 +67,8 @@ def solve_ik(
             (1, 1, 1, 0, 0, 0) is position only; (1, 1, 1, 1, 1, 0) leaves the turn about the tool's z free.
         seed: of the random starts; a row's starts depend on its own content and on this alone.
         seeder: where to start instead of ``q0``: a function of poses (..., 4, 4) that returns joints (..., n), or
-            (..., k, n) of which the nearest is taken; an `ik.Inverter` is one. See `ikgrad.solvers.seeding`.
+            (..., k, n) of which the nearest is taken; an inverter is one, and if it starts from the present joints,
+            these are ``q0``. See `ikgrad.solvers.seeding`.
         extra_residual: a second wish, a function (..., n) -> (..., m) of the joints, differentiable by autograd and
             each row for itself: among the joints that meet the pose, take those with the smallest residual. The pose
             keeps its priority and ``success`` its meaning; see `ikgrad.solvers.secondary`. Made for residuals that
@@ -80,7 +81,8 @@ def solve_ik(
 
     Raises:
         ShapeError: shapes or dtypes do not fit.
-        ConfigError: a tolerance, the mask or ``solutions`` makes no sense, or there are both ``q0`` and ``seeder``.
+        ConfigError: a tolerance, the mask or ``solutions`` makes no sense, or there are both ``q0`` and a
+            ``seeder`` that does not look at it.
         RobotError: ``seeder`` is for another robot.
 
     Example:
@@ -96,9 +98,7 @@ def solve_ik(
         raise ConfigError(f"solutions must be at least 1, got {solutions}")
     solver = _DEFAULT if solver is None else solver
     if seeder is not None:
-        if q0 is not None:
-            raise ConfigError("give q0 or a seeder, not both: each says where to start")
-        q0 = seeds(robot, T_target, seeder)
+        q0 = seeds(robot, T_target, seeder, q0)
     if extra_residual is not None and solutions > 1:
         raise ConfigError("extra_residual chooses one solution a row; leave solutions at 1")
     fast = solutions == 1 and extra_residual is None and T_target.dtype == torch.float64
