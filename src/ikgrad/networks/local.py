@@ -15,13 +15,14 @@ import torch
 from torch import Tensor, nn
 
 from ikgrad.errors import ConfigError, ShapeError
-from ikgrad.kinematics import check_poses, check_q
+from ikgrad.kinematics import check_poses, check_q, no_transform
 from ikgrad.networks.residual import ResidualMLP
 from ikgrad.robot import Robot
 from ikgrad.solvers.damped import DAMPING, Damped, damped_steps, typical_length
 
 _LEAST = 1e-9  # of an error that something is divided by
 _FLOOR = 1e-4  # below it the logarithm of the error says nothing new
+_BLOCK = 2048  # rows; hidden layers of 160 units take 1.3 MB then
 _SOFT = 0.05  # a step is shown divided by error + this, so that it neither explodes nor vanishes
 
 
@@ -94,7 +95,7 @@ class IncrementInverter(nn.Module):
             ) from error
         rows = T.expand(*lead, 4, 4).reshape(-1, 4, 4).double()
         start = q_current.expand(*lead, -1).reshape(-1, self.robot.dof).double()
-        q = self.iterates(rows, start)[-1]
+        q = self._last(rows, start)
         q = torch.minimum(torch.maximum(q, self.robot.q_min.to(q)), self.robot.q_max.to(q))
         return q.reshape(*lead, self.robot.dof).to(T.dtype)
 
@@ -111,6 +112,13 @@ class IncrementInverter(nn.Module):
         seen = damped_steps(self.robot, T, q_current)
         says = self.network(torch.cat([seen.error.float(), self._joints(seen.q)], dim=-1))
         return [seen.q + says.double() * self.unit]
+
+    def _last(self, T: Tensor, q_current: Tensor) -> Tensor:
+        """The last of `iterates`; block by block if there is no graph to keep, so that all of it stays in the cache."""
+        if torch.is_grad_enabled() or not no_transform():
+            return self.iterates(T, q_current)[-1]
+        blocks = zip(T.split(_BLOCK), q_current.split(_BLOCK), strict=True)
+        return torch.cat([self.iterates(*block)[-1] for block in blocks])
 
     def settings(self) -> dict[str, Any]:
         """Arguments that make an inverter of this shape again, without robot and seed."""
