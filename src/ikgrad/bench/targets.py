@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ikgrad.data import sample_configurations
+from ikgrad.data.paths import clear_paths, smooth_paths
 from ikgrad.errors import RobotError
 from ikgrad.kinematics import forward_kinematics, pose_and_jacobian
 from ikgrad.robot import Robot
@@ -105,50 +106,14 @@ def workspace_radius(robot: Robot) -> float:
     return best
 
 
-def clear_paths(robot: Robot, paths: int, points: int, seed: int) -> Tensor:
-    """(paths, points, n) smooth closed joint-space paths that keep clear of limits and singular configurations.
-
-    One to three sine waves of 0.5 rad (or 0.1 arm lengths) a joint about a random configuration; kept if they stay
-    0.05 inside the limits and the smallest singular value of the Jacobian, lengths in units of the arm's, stays above
-    0.03 all along. What is left is a path that an arm can really follow.
-
-    Raises:
-        RobotError: hardly any path of this robot keeps clear.
-    """
-    low, high = robot.sampling_range
-    wide = torch.where(robot.revolute, 0.5, 0.1 * robot.length)
-    generator = torch.Generator().manual_seed(seed)
-    middle = sample_configurations(robot, 400 * paths, seed=seed)
-    time = 2 * math.pi * torch.linspace(0, 1, points, dtype=torch.float64)[:, None]
-    found: list[Tensor] = []
-    for q in middle:
-        waves = torch.randint(1, 4, (robot.dof,), generator=generator)
-        phase = 2 * math.pi * torch.rand(robot.dof, dtype=torch.float64, generator=generator)
-        path = q + wide * torch.sin(waves * time + phase)
-        if bool(((path > low + 0.05) & (path < high - 0.05)).all()) and _stays_regular(robot, path):
-            found.append(path)
-            if len(found) == paths:
-                return torch.stack(found)
-    raise RobotError(
-        f"robot '{robot.name}': only {len(found)} of {len(middle)} random paths keep clear, {paths} wanted"
-    )
-
-
-def _stays_regular(robot: Robot, path: Tensor, least: float = 0.03) -> bool:
-    J = pose_and_jacobian(robot, path)[1]
-    unit = torch.tensor([1 / robot.length] * 3 + [1.0] * 3, dtype=J.dtype)
-    return bool((torch.linalg.svdvals(J * unit[:, None])[:, min(6, robot.dof) - 1] > least).all())
-
-
-def smooth_paths(robot: Robot, paths: int, points: int, seed: int) -> Tensor:
-    """(paths, points, n) joint-space paths: three slow sine waves a joint, at most 0.9 of the range from its middle."""
-    generator = torch.Generator().manual_seed(seed)
-    shape = (paths, 1, robot.dof, 3)
-    share = torch.rand(shape, dtype=torch.float64, generator=generator)
-    share = share / share.sum(dim=-1, keepdim=True)
-    waves = 0.2 + 1.3 * torch.rand(shape, dtype=torch.float64, generator=generator)
-    phase = 2 * math.pi * torch.rand(shape, dtype=torch.float64, generator=generator)
-    time = torch.linspace(0, 1, points, dtype=torch.float64)[:, None, None]
-    low, high = robot.sampling_range
-    swing = (share * torch.sin(2 * math.pi * waves * time + phase)).sum(dim=-1)
-    return (low + high) / 2 + 0.45 * (high - low) * swing
+__all__ = [
+    "SINGULAR",
+    "clear_paths",
+    "reachable",
+    "singular",
+    "singular_configurations",
+    "smallest_singular_value",
+    "smooth_paths",
+    "unreachable",
+    "workspace_radius",
+]

@@ -2,7 +2,35 @@
 
 from __future__ import annotations
 
-from ikgrad.evaluation.errors import Errors, measure
-from ikgrad.evaluation.inverters import Evaluation, Row, evaluate
+from ikgrad.evaluation.errors import Errors, RowErrors, measure, row_errors
+from ikgrad.evaluation.inverters import evaluate
+from ikgrad.evaluation.paths import Line, Path
+from ikgrad.evaluation.protocols import Global, IKFlow, Local
+from ikgrad.evaluation.records import Answers, Evaluation, Protocol, Row
+from ikgrad.evaluation.table import cells
+from ikgrad.evaluation.tracik import TracIK
 
-__all__ = ["Errors", "Evaluation", "Row", "evaluate", "measure"]
+PROTOCOLS: dict[str, type[Protocol]] = {
+    protocol.name: protocol for protocol in (Local, Global, IKFlow, TracIK, Path, Line)
+}
+"""By name, in the order of the report."""
+
+__all__ = [
+    "PROTOCOLS",
+    "Answers",
+    "Errors",
+    "Evaluation",
+    "Global",
+    "IKFlow",
+    "Line",
+    "Local",
+    "Path",
+    "Protocol",
+    "Row",
+    "RowErrors",
+    "TracIK",
+    "cells",
+    "evaluate",
+    "measure",
+    "row_errors",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -40,11 +41,55 @@ class Errors:
     exact: float
 
 
-def measure(robot: Robot, q: Tensor, T_target: Tensor) -> Errors:
-    """Errors of joint values, by forward kinematics in float64 and plain torch operations.
+class RowErrors(NamedTuple):
+    """Errors row by row.
+
+    Attributes:
+        position: (N,) distance to the wanted position [m]; infinite where the answer is not finite.
+        rotation: (N,) angle to the wanted orientation [rad], likewise.
+        inside: (N,) bool: all joints inside the limits.
+    """
+
+    position: Tensor
+    rotation: Tensor
+    inside: Tensor
+
+    def within(self, tol_pos: float, tol_rot: float) -> Tensor:
+        """(N,) bool: inside the limits, and both errors within tolerance [m], [rad]."""
+        return self.inside & (self.position <= tol_pos) & (self.rotation <= tol_rot)
+
+
+def row_errors(robot: Robot, q: Tensor, T_target: Tensor) -> RowErrors:
+    """Errors of joint values row by row, by forward kinematics in float64 and plain torch operations.
 
     None of the compiled kernels that may have found ``q`` takes part. A row that is not finite counts as infinitely
     far off.
+
+    Args:
+        robot: the robot, n joint variables.
+        q: (..., n) answers [rad or m].
+        T_target: (..., 4, 4) wanted poses [m], of the same rows.
+
+    Raises:
+        ShapeError: shapes do not fit.
+        DataError: no rows.
+    """
+    check_q(robot, q)
+    check_poses("T_target", T_target)
+    if q.shape[:-1] != T_target.shape[:-2]:
+        raise ShapeError(f"q and T_target must have the same rows, got {tuple(q.shape)} and {tuple(T_target.shape)}")
+    q, target = q.detach().double().reshape(-1, robot.dof), T_target.detach().double().reshape(-1, 4, 4)
+    if len(q) == 0:
+        raise DataError("there are no rows to measure")
+    T = plain_forward_kinematics(robot.detach(), q)
+    position = (target[:, :3, 3] - T[:, :3, 3]).norm(dim=-1).nan_to_num(torch.inf)
+    rotation = rotation_angle(target[:, :3, :3] @ T[:, :3, :3].mT).nan_to_num(torch.inf)
+    inside = ((q >= robot.q_min.to(q)) & (q <= robot.q_max.to(q))).all(dim=-1)
+    return RowErrors(position, rotation, inside)
+
+
+def measure(robot: Robot, q: Tensor, T_target: Tensor) -> Errors:
+    """Errors of joint values as percentiles and shares; see `row_errors` for how they are measured.
 
     Args:
         robot: the robot, n joint variables.
@@ -62,25 +107,15 @@ def measure(robot: Robot, q: Tensor, T_target: Tensor) -> Errors:
         >>> measure(robot, q, ik.forward_kinematics(robot, q)).exact
         1.0
     """
-    check_q(robot, q)
-    check_poses("T_target", T_target)
-    if q.shape[:-1] != T_target.shape[:-2]:
-        raise ShapeError(f"q and T_target must have the same rows, got {tuple(q.shape)} and {tuple(T_target.shape)}")
-    q, target = q.detach().double().reshape(-1, robot.dof), T_target.detach().double().reshape(-1, 4, 4)
-    if len(q) == 0:
-        raise DataError("there are no rows to measure")
-    T = plain_forward_kinematics(robot.detach(), q)
-    position = (target[:, :3, 3] - T[:, :3, 3]).norm(dim=-1).nan_to_num(torch.inf)
-    rotation = rotation_angle(target[:, :3, :3] @ T[:, :3, :3].mT).nan_to_num(torch.inf)
-    inside = ((q >= robot.q_min.to(q)) & (q <= robot.q_max.to(q))).all(dim=-1)
+    rows = row_errors(robot, q, T_target)
     return Errors(
-        position_mm=_percentiles(position * 1e3),
-        rotation_deg=_percentiles(rotation.rad2deg()),
-        mean_position_mm=float(position.mean() * 1e3),
-        mean_rotation_deg=float(rotation.mean().rad2deg()),
-        inside=_share(inside),
-        close=_share(inside & (position <= CLOSE[0]) & (rotation <= CLOSE[1])),
-        exact=_share(inside & (position <= EXACT[0]) & (rotation <= EXACT[1])),
+        position_mm=_percentiles(rows.position * 1e3),
+        rotation_deg=_percentiles(rows.rotation.rad2deg()),
+        mean_position_mm=float(rows.position.mean() * 1e3),
+        mean_rotation_deg=float(rows.rotation.mean().rad2deg()),
+        inside=_share(rows.inside),
+        close=_share(rows.within(*CLOSE)),
+        exact=_share(rows.within(*EXACT)),
     )
 
 
@@ -95,4 +130,4 @@ def _share(good: Tensor) -> float:
     return float(good.double().mean())
 
 
-__all__ = ["CLOSE", "EXACT", "Errors", "measure"]
+__all__ = ["CLOSE", "EXACT", "Errors", "RowErrors", "measure", "row_errors"]
