@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from ikgrad.cli.inverters import add_inverter_options, load
 from ikgrad.cli.parsing import Commands, example
 from ikgrad.cli.terminal import print_json
 
@@ -24,13 +25,8 @@ def add(commands: Commands) -> None:
         description=DESCRIPTION,
         epilog=example("ikgrad export panda panda.onnx\nikgrad export runs/denso denso.onnx --steps 2"),
     )
-    parser.add_argument(
-        "run_folder", metavar="RUN", help="run folder of `ikgrad train`, folder of one inverter, or ready-made name"
-    )
+    add_inverter_options(parser)
     parser.add_argument("output", metavar="FILE", help="what to write, .onnx or .pt2")
-    parser.add_argument("--robot", metavar="ROBOT", help="the robot, if it is not built in: path of its URDF file")
-    parser.add_argument("--base", metavar="LINK", help="its base link")
-    parser.add_argument("--tip", metavar="LINK", help="its tip link")
     parser.add_argument("--steps", type=int, metavar="K", help="damped steps and the check inside the graph")
     parser.add_argument("--dtype", choices=("float32", "float64"), help="of inputs and outputs (the inverter's own)")
     parser.add_argument("--force", action="store_true", help="overwrite FILE")
@@ -45,14 +41,10 @@ def run(args: argparse.Namespace) -> int:
     from ikgrad.export import export_inverter
     from ikgrad.export.files import SUFFIXES
     from ikgrad.files.places import check_output
-    from ikgrad.networks import load_inverter
-    from ikgrad.robot import load_robot
 
     check_output(args.output, SUFFIXES, force=args.force)
-    robot = load_robot(args.robot, base=args.base, tip=args.tip) if args.robot else None
-    inverter = load_inverter(args.run_folder, robot=robot)
     dtype = getattr(torch, args.dtype) if args.dtype else None
-    done = export_inverter(inverter, args.output, steps=args.steps, dtype=dtype, force=args.force)
+    done = export_inverter(load(args), args.output, steps=args.steps, dtype=dtype, force=args.force)
     if args.json:
         print_json({"output": str(done.path), "difference": done.difference, **done.metadata})
         return 0

@@ -11,12 +11,22 @@ import sys
 from collections.abc import Sequence
 
 from ikgrad import __version__
-from ikgrad.cli import bench, export, fk, reproduce, robots, sample, solve, train
+from ikgrad.cli import bench, evaluate, export, fk, reproduce, robots, sample, solve, train
 from ikgrad.cli.parsing import Parser, example
 from ikgrad.cli.terminal import Interrupted, describe, note
 from ikgrad.errors import IkgradError
 
-COMMANDS = (robots, fk, sample, solve, train, export, reproduce, bench)  # each has add(commands), which sets run(args)
+COMMANDS = (
+    robots,
+    fk,
+    sample,
+    solve,
+    train,
+    evaluate,
+    export,
+    reproduce,
+    bench,
+)  # each has add(commands), which sets run(args)
 
 
 def build_parser() -> Parser:

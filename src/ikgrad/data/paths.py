@@ -123,7 +123,8 @@ def straight_lines(robot: Robot, paths: int, points: int, seed: int) -> Lines:
     kept = followed & ((q.diff(dim=1).abs() / unit).amax(dim=(1, 2)) <= _SMOOTH)
     if int(kept.sum()) < paths:
         raise RobotError(
-            f"robot '{robot.name}' can follow only {int(kept.sum())} of {len(kept)} random straight lines, {paths} wanted"
+            f"robot '{robot.name}' can follow only {int(kept.sum())} of {len(kept)} random straight lines, "
+            f"{paths} wanted"
         )
     return Lines(q[kept][:paths], T[kept][:paths])
 

@@ -52,9 +52,9 @@ class _Follow(Protocol):
             answers = answers or Answers(q.flatten(0, 1), lines.T.flatten(0, 1))
         own = float(_changes(robot, lines.q).max())
         note = (
-            f"{len(lines.q)} paths of {POINTS} points, {self.says}; on the paths themselves no joint moves by more than "
-            f"{own:.2g} rad from a point to the next. A reconfiguration is a joint that moves by more than {JUMP:g} rad "
-            "(slides: typical lengths) between two answers."
+            f"{len(lines.q)} paths of {POINTS} points, {self.says}; on the paths themselves no joint moves by more "
+            f"than {own:.2g} rad from a point to the next. A reconfiguration is a joint that moves by more than "
+            f"{JUMP:g} rad (slides: typical lengths) between two answers."
         )
         return Evaluation(
             robot.name,
@@ -108,7 +108,7 @@ class Line(_Follow):
     Measured as `Path` is.
 
     Source:
-        As for `Path`; straight lines are what a tool is moved along, and lead through more of the workspace's odd places.
+        As for `Path`; straight lines are what a tool is moved along.
     """
 
     name: ClassVar[str] = "line"

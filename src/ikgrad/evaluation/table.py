@@ -48,10 +48,14 @@ def _unless_solved(show: Callable[[Row], str]) -> Callable[[Row], str]:
     return lambda row: "" if "solved" in row.extra else show(row)
 
 
+def _steps(row: Row) -> str:
+    return f"{row.extra['steps']:.1f} / {row.extra['steps_99']:.0f}" if "steps" in row.extra else ""
+
+
 _COLUMNS: list[_Column] = [
     ("method", lambda row: row.method),
     ("solved", _extra("solved", percent)),
-    ("steps, mean / 99 %", lambda row: f"{row.extra['steps']:.1f} / {row.extra['steps_99']:.0f}" if "steps" in row.extra else ""),
+    ("steps, mean / 99 %", _steps),
     ("position [mm]", _unless_solved(lambda row: _triple(row.errors.position_mm))),
     ("rotation [deg]", _unless_solved(lambda row: _triple(row.errors.rotation_deg))),
     ("mean [mm]", _extra("mean_position_mm", number)),
@@ -64,6 +68,6 @@ _COLUMNS: list[_Column] = [
     ("largest jump [rad]", _extra("largest_jump", number)),
     ("us a pose", lambda row: f"{row.microseconds:.2f}"),
     ("of the engine's time", _extra("time_ratio", lambda x: f"{x:.2f}")),
-]  # fmt: skip
+]
 
 __all__ = ["cells", "number", "percent"]

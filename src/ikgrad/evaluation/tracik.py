@@ -39,7 +39,7 @@ _Start = Callable[[Tensor], Tensor | None]
 
 @dataclass(frozen=True)
 class TracIK(Protocol):
-    """Poses of 10,000 random configurations, solved to 1e-5 m and 1e-5 rad inside the limits, from three kinds of start.
+    """Poses of 10,000 random configurations, solved to 1e-5 m and 1e-5 rad inside the limits, from three starts.
 
     The engine's own starts (none is given); the middle of every joint's range, which is where TRAC-IK starts; and the
     answer of the inverter, which sees the same middle as its present joints. The solver is `ikgrad.solve_ik`, which
@@ -123,8 +123,8 @@ def _race(robot: Robot, T: Tensor, starts: dict[str, _Start], seed: int) -> tupl
 
 def _note(published: dict[str, Any]) -> str:
     return (
-        f"TRAC-IK: {100 * published['solved']:.2f} % solved in {published['mean_milliseconds']} ms on average, one pose "
-        f"a call, 5 ms at most; published, not measured here ({published['source']})."
+        f"TRAC-IK: {100 * published['solved']:.2f} % solved in {published['mean_milliseconds']} ms on average, one "
+        f"pose a call, 5 ms at most; published, not measured here ({published['source']})."
     )
 
 

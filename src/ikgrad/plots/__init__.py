@@ -7,7 +7,9 @@ and Ito's, which people with any colour vision can tell apart; every axis names 
 from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
+from ikgrad.plots.evaluation import evaluation_page
 from ikgrad.plots.motion import arm_motion, save_motion
+from ikgrad.plots.page import evaluation_html, save_evaluation
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
 from ikgrad.plots.sweep import save_sweep, swept_arm
 from ikgrad.plots.tracking import closeups, curves_in_space, traces
@@ -21,10 +23,13 @@ __all__ = [
     "comparison_bars",
     "convergence",
     "curves_in_space",
+    "evaluation_html",
+    "evaluation_page",
     "learning_curves",
     "learning_rates",
     "new_figure",
     "performance",
+    "save_evaluation",
     "save_figure",
     "save_sweep",
     "save_motion",

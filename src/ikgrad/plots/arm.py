@@ -47,8 +47,8 @@ def arm_path(
         joints = [link_poses(robot, torch.as_tensor(q))[:, :3, 3].numpy() for q in poses]
         meshes = [arm_mesh(xyz, radius, skip=None if k == 0 else joints[0]) for k, xyz in enumerate(joints)]
         everything = np.concatenate([*joints, *(np.atleast_2d(p) for p in (paths or {}).values())])
-        _floor(axes, everything, meshes)
-        _draw_meshes(axes, meshes)
+        draw_floor(axes, everything, meshes)
+        draw_meshes(axes, meshes)
         for colour, (name, xyz) in zip(PALETTE, (paths or {}).items(), strict=False):
             axes.plot(*xyz.T, color="white", linewidth=4.0, zorder=5)
             axes.plot(*xyz.T, color=colour, linewidth=2.2, zorder=6, label=name)
@@ -62,7 +62,7 @@ def arm_path(
     return figure
 
 
-def _draw_meshes(axes: Any, meshes: Sequence[Mesh]) -> None:
+def draw_meshes(axes: Any, meshes: Sequence[Mesh]) -> None:
     """All arms as one collection, so that their faces are sorted by depth among each other."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -82,12 +82,12 @@ def _draw_meshes(axes: Any, meshes: Sequence[Mesh]) -> None:
     axes.add_collection3d(every)
 
 
-def _floor(axes: Any, everything: np.ndarray, meshes: Sequence[Mesh]) -> None:
-    """Equal scales, a plain floor at z = 0 with the first arm's shadow, and no walls."""
+def draw_floor(axes: Any, everything: np.ndarray, meshes: Sequence[Mesh], *, margin: float = 0.25) -> None:
+    """Equal scales, a plain floor at z = 0 with the first arm's shadow, no walls, and so many metres around it all."""
     from matplotlib.ticker import MultipleLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    low, high = everything.min(axis=0) - 0.25, everything.max(axis=0) + 0.25
+    low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
     low[2] = min(0.0, everything[:, 2].min())
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.38)
