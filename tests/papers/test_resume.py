@@ -69,7 +69,9 @@ CASES = [
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("resume")
-    (folder / "short.yaml").write_text("seeds: 2\ntraditional_epochs: 3\nfeedback_epochs: 3\nepochs: 3\n")
+    settings = dict(traditional_epochs=3, feedback_epochs=3, epochs=3, cure_epochs=2, final_epochs=2, ticks=50)
+    lines = [f"{key}: {value}\n" for key, value in {"seeds": 2, **settings}.items()]
+    (folder / "short.yaml").write_text("".join(lines))
     return folder
 
 

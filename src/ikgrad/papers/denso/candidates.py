@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from ikgrad.data import Cube, DataSet, Scheme
 from ikgrad.networks import Inverter
 from ikgrad.papers.denso import remedies
 from ikgrad.papers.denso.arm import HOME
-from ikgrad.papers.denso.networks import Counter, make_data
+from ikgrad.papers.denso.networks import Counter, checkpoint_file, make_data
 from ikgrad.papers.denso.paths import TrainingPath
+from ikgrad.training.losses import Loss, joint
 
 NOISES_DEG = (0.2, 1.0)
 ROUNDS, LONGEST = 3, 20  # of rollouts; ticks
@@ -39,10 +40,30 @@ class Candidate(NamedTuple):
 
 
 class Trained:
-    """How all candidates are trained, and how long the last one took."""
+    """How all candidates are trained, and how long the last one took.
 
-    def __init__(self, seeds: int, epochs: int, final_epochs: int, *, count: Counter | None = None):
+    Args:
+        seeds: S, networks of each.
+        epochs: of every remedy.
+        final_epochs: of the recommended network.
+        count: called with S after every epoch.
+        checkpoints: folder of checkpoints, one a training, numbered as they come; what is found there is gone on with.
+
+    Attributes:
+        seconds: of the last training.
+    """
+
+    def __init__(
+        self,
+        seeds: int,
+        epochs: int,
+        final_epochs: int,
+        *,
+        count: Counter | None = None,
+        checkpoints: Path | None = None,
+    ):
         self.seeds, self.epochs, self.final_epochs, self.count = seeds, epochs, final_epochs, count
+        self.checkpoints, self.trainings = checkpoints, 0
         self.seconds = 0.0
 
     def sets(self, scheme: Callable[[int], Scheme]) -> list[DataSet]:
@@ -66,7 +87,7 @@ class Trained:
         *,
         epochs: int | None = None,
         kind: type[Inverter] = Inverter,
-        loss: remedies.Loss | None = None,
+        loss: Loss = joint,
         feedback: bool = True,
         start: Sequence[Inverter] = (),
     ) -> list[Inverter]:
@@ -74,9 +95,11 @@ class Trained:
         inverters = remedies.make(kind, self.seeds, hidden, feedback=feedback)
         for inverter, other in zip(inverters, start, strict=False):
             inverter.load_state_dict(other.state_dict())
-        begin = time.perf_counter()
-        remedies.train(inverters, data, epochs or self.epochs, loss=loss, count=self.count)
-        self.seconds = time.perf_counter() - begin
+        file = checkpoint_file(self.checkpoints, "cure", f"{self.trainings:02d}")
+        self.trainings += 1
+        self.seconds = remedies.train(
+            inverters, data, epochs or self.epochs, loss=loss, count=self.count, checkpoint=file
+        )
         return inverters
 
 
@@ -115,7 +138,7 @@ def cube_remedies(trained: Trained) -> Iterator[Candidate]:
 
 
 def _increments(trained: Trained, near: Sequence[DataSet]) -> Iterator[Candidate]:
-    kind, some = remedies.IncrementInverter, _some(trained.epochs)
+    kind, some = remedies.StepInverter, _some(trained.epochs)
     free = trained.train(near, MIDDLE, kind=kind, loss=remedies.increment_loss)
     yield Candidate("increments", _within(NEAR), free, trained.seconds)
     held = trained.train(near, MIDDLE, kind=kind, loss=remedies.contraction(PENALTIES[1]), epochs=2 * some)

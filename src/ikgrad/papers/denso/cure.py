@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -169,7 +170,15 @@ class Course:
         return min(times)
 
 
-def cure(seeds: int, epochs: int, final_epochs: int, ticks: int, *, count: Counter | None = None) -> CureStudy:
+def cure(
+    seeds: int,
+    epochs: int,
+    final_epochs: int,
+    ticks: int,
+    *,
+    count: Counter | None = None,
+    checkpoints: Path | None = None,
+) -> CureStudy:
     """Train all remedies and close the loop.
 
     Args:
@@ -178,8 +187,13 @@ def cure(seeds: int, epochs: int, final_epochs: int, ticks: int, *, count: Count
         final_epochs: of the recommended network.
         ticks: of every closed loop.
         count: called with the number of networks after every epoch.
+        checkpoints: folder of checkpoints of the trainings; what is found there is gone on with.
+
+    Raises:
+        DataError: a checkpoint is of other settings, or damaged.
     """
-    trained, course = Trained(seeds, epochs, final_epochs, count=count), Course(seeds, ticks)
+    trained = Trained(seeds, epochs, final_epochs, count=count, checkpoints=checkpoints)
+    course = Course(seeds, ticks)
     candidates = [*path_remedies(trained), *cube_remedies(trained)]
     plain, best = candidates[0], candidates[-1]
     corrected = [
@@ -192,7 +206,7 @@ def cure(seeds: int, epochs: int, final_epochs: int, ticks: int, *, count: Count
         tuple(rows),
         len(candidates) - 1,
         len(rows) - 1,
-        _speeds(seeds, best.inverters),
+        _speeds(seeds, ticks, best.inverters),
         _noise(trained),
         ticks,
         epochs,
@@ -200,9 +214,9 @@ def cure(seeds: int, epochs: int, final_epochs: int, ticks: int, *, count: Count
     )
 
 
-def _speeds(seeds: int, best: Sequence[Inverter]) -> tuple[SpeedRow, ...]:
+def _speeds(seeds: int, ticks: int, best: Sequence[Inverter]) -> tuple[SpeedRow, ...]:
     rows = (("network alone", best, 0), ("one damped step alone", (), 1), ("network and one damped step", best, 1))
-    courses = [Course(seeds, 2 * lap, lap) for lap in SPEEDS]
+    courses = [Course(seeds, min(ticks, 2 * lap), lap) for lap in SPEEDS]
     return tuple(
         SpeedRow(what, tuple(course.errors_mm(who, corrections=k).amax((0, 2)) for course in courses))
         for what, who, k in rows

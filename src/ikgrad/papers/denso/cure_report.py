@@ -72,12 +72,9 @@ def speeds(study: CureStudy) -> Table:
 
 def noise(study: CureStudy) -> Table:
     """Scheme B of the paper's study with noise."""
-    rows = [
-        (f"+-{row.noise_deg:g} deg", f"{median(row.mse):.2g}", _spread(row.mse), _spread(row.worst_mm))
-        for row in study.noise
-    ]
+    rows = [(f"+-{row.noise_deg:g} deg", _spread(row.mse), _spread(row.worst_mm)) for row in study.noise]
     title = f"Scheme B, one smooth path of all joints, noise on the present joints, {study.epochs} epochs"
-    return Table(title, ("noise", "MSE [rad^2]", "median and range", "closed loop on its own path [mm]"), tuple(rows))
+    return Table(title, ("noise", "one-step MSE [rad^2]", "closed loop on its own path [mm]"), tuple(rows))
 
 
 def check_cure(study: CureStudy) -> Iterator[Check]:
@@ -106,7 +103,7 @@ def check_cure(study: CureStudy) -> Iterator[Check]:
 
 
 def _spread(values: Tensor) -> str:
-    return f"{median(values):.3g} ({values.min():.2g} to {values.max():.2g})"
+    return f"{median(values):.3g} ({values.min():.3g} to {values.max():.3g})"
 
 
 __all__ = ["check_cure", "cure_tables"]

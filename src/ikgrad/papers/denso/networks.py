@@ -80,7 +80,7 @@ def train(
     """
     inverters = [Inverter(denso(), feedback=name == "feedback", seed=seed) for seed in seeds]
     training = InverterTraining(inverters, data)
-    settings = {"network": name, "epochs": epochs, "seeds": list(seeds), "best": best, "data": _digest(data)}
+    settings = {"network": name, "epochs": epochs, "seeds": list(seeds), "best": best, "data": data_digest(data)}
     each = None if count is None else lambda done: count(done * len(data))
     with Watch(training.training, settings, checkpoint, count=each) as watch:
         training.run(epochs, after_epoch=watch)
@@ -105,7 +105,7 @@ def train(
     return result, inverters
 
 
-def _digest(data: Sequence[DataSet]) -> str:
+def data_digest(data: Sequence[DataSet]) -> str:
     """What the rows are, short enough for a message."""
     recipes: list[dict[str, Any]] = [each.recipe for each in data]
     return hashlib.sha256(json.dumps(recipes, sort_keys=True).encode()).hexdigest()[:12]
@@ -155,6 +155,7 @@ __all__ = [
     "axis_errors_mm",
     "checkpoint_file",
     "copy_error",
+    "data_digest",
     "make_data",
     "median",
     "regression",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
@@ -15,15 +16,16 @@ from ikgrad.data import DataSet
 from ikgrad.kinematics import forward_kinematics, pose_error
 from ikgrad.networks import MLP, Inverter
 from ikgrad.papers.denso.arm import TOOL, denso
-from ikgrad.training.inverters import InverterTraining, levenberg_marquardt
-from ikgrad.training.loop import Objective, Training
+from ikgrad.papers.denso.networks import Counter, data_digest
+from ikgrad.papers.resume import Watch
+from ikgrad.training.inverters import InverterTraining
+from ikgrad.training.loop import Objective
+from ikgrad.training.losses import Loss, joint
 
-Loss = Callable[[Sequence[Inverter]], Objective]
-Counter = Callable[[int], object]
 FARTHEST_GUESS = 0.1  # rad; a rollout that is farther off teaches nothing and is started anew
 
 
-class IncrementInverter(Inverter):
+class StepInverter(Inverter):
     """A feedback inverter whose network says by how much to move: ``q = q_current + s_q (MLP)``, s_q without offset."""
 
     increment = True
@@ -39,31 +41,39 @@ def train(
     data: Sequence[DataSet],
     epochs: int,
     *,
-    loss: Loss | None = None,
+    loss: Loss = joint,
     count: Counter | None = None,
-) -> None:
+    checkpoint: Path | None = None,
+) -> float:
     """Train inverters side by side and keep the weights that are best on the validation rows.
 
     Args:
         inverters: S of one make; the scaling is taken from the data.
         data: one data set each.
         epochs: how long.
-        loss: what to make small; default: errors of the joints.
+        loss: what to make small.
         count: called with S after every epoch.
+        checkpoint: file that is kept up to date every few seconds and at the end; read first if it exists.
+
+    Returns:
+        Seconds that it took.
+
+    Raises:
+        DataError: the checkpoint is of other settings, or damaged.
     """
-    training = InverterTraining(inverters, data)
-    if loss is not None:
-        plain = training.training
-        training.training = Training(
-            training.stack,
-            levenberg_marquardt(list(training.stack.parameters()), len(data)),
-            plain.data,
-            objective=loss(inverters),
-            reduction="mean",
-            validation=plain.validation,
-        )
-    training.run(epochs, after_epoch=None if count is None else lambda _: count(len(data)))
+    training = InverterTraining(inverters, data, loss=loss)
+    settings = {
+        "inverter": type(inverters[0]).__name__,
+        "sizes": list(inverters[0].network.sizes),
+        "epochs": epochs,
+        "members": len(data),
+        "data": data_digest(data),
+    }
+    each = None if count is None else lambda done: count(done * len(data))
+    with Watch(training.training, settings, checkpoint, count=each) as watch:
+        training.run(epochs, after_epoch=watch)
     training.finish(best=True)
+    return watch.seconds
 
 
 def pose_loss(inverters: Sequence[Inverter]) -> Objective:
@@ -84,7 +94,7 @@ def pose_loss(inverters: Sequence[Inverter]) -> Objective:
 
 
 def increment_loss(inverters: Sequence[Inverter]) -> Objective:
-    """Errors of the joints of `IncrementInverter`."""
+    """Errors of the joints of `StepInverter`."""
     low, half = _output(inverters)
     present = _present(inverters)
 
@@ -208,7 +218,7 @@ def make(kind: type[Inverter], seeds: int, hidden: int, *, feedback: bool = True
 
 
 __all__ = [
-    "IncrementInverter",
+    "StepInverter",
     "Loss",
     "add_rollouts",
     "contraction",

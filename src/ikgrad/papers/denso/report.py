@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
+from ikgrad.papers.denso.cure_report import cure_tables
 from ikgrad.papers.denso.networks import median
 from ikgrad.papers.denso.schemes import LOST_MM, NOISES_DEG, RADIUS, RISE, percentages
 from ikgrad.papers.denso.study import DensoStudy
@@ -25,6 +26,7 @@ def report(study: DensoStudy) -> list[Table]:
         helix(study),
         table2(study),
         table3(study),
+        *cure_tables(study.loop),
         misprints_table(study.errata),
         checks_table(study.checks),
     ]

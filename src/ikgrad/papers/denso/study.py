@@ -13,9 +13,11 @@ import torch
 
 from ikgrad import __version__
 from ikgrad.config import DensoConfig
-from ikgrad.papers.denso import schemes
+from ikgrad.papers.denso import candidates, schemes
 from ikgrad.papers.denso.arm import MatrixRow, check_matrices
 from ikgrad.papers.denso.checks import check
+from ikgrad.papers.denso.cure import CureStudy, cure
+from ikgrad.papers.denso.cure_report import check_cure
 from ikgrad.papers.denso.errata import errata
 from ikgrad.papers.denso.schemes import BoxRow, PairRow, PathStudy, TrackStudy
 from ikgrad.papers.record import Check, Erratum, one_thread, plain
@@ -36,6 +38,7 @@ class DensoStudy:
         boxes: scheme A, where the claim does not hold.
         pairs: schemes C and D.
         track: the helix of the experiment, followed by networks of scheme D.
+        loop: the closed loop cured.
         errata: the misprints.
         checks: what is claimed, and whether it holds here.
     """
@@ -48,6 +51,7 @@ class DensoStudy:
     boxes: tuple[BoxRow, ...]
     pairs: tuple[PairRow, ...]
     track: TrackStudy
+    loop: CureStudy
     errata: tuple[Erratum, ...]
     checks: tuple[Check, ...]
 
@@ -63,6 +67,7 @@ class DensoStudy:
             "scheme_a": [plain(asdict(row)) for row in self.boxes],
             "schemes_c_and_d": [asdict(row) for row in self.pairs],
             "helix": _numbers(self.track),
+            "closed_loop": _numbers(self.loop),
             "errata": [asdict(erratum) for erratum in self.errata],
             "checks": [asdict(check) for check in self.checks],
         }
@@ -82,19 +87,28 @@ def run_study(
         DataError: a checkpoint is of other settings, or damaged.
 
     Example:
-        >>> study = run_study(DensoConfig(seeds=2, traditional_epochs=3, feedback_epochs=3, epochs=3))
+        >>> few = dict(traditional_epochs=3, feedback_epochs=3, epochs=3, cure_epochs=2, final_epochs=2, ticks=50)
+        >>> study = run_study(DensoConfig(seeds=2, **few))
         >>> study.matrices[0].difference
         0.0
     """
     config = config or DensoConfig()
     path_epochs = (config.traditional_epochs, config.feedback_epochs)
-    counter = _Counter(progress, total=schemes.work(config.seeds, config.epochs, path_epochs))
+    counter = _Counter(progress, total=_work(config))
     start = time.perf_counter()
     with one_thread():
         path = schemes.scheme_b(config.seeds, path_epochs, count=counter.of("scheme B"), checkpoints=checkpoints)
         boxes = schemes.scheme_a(config.epochs, count=counter.of("scheme A"), checkpoints=checkpoints)
         pairs = schemes.schemes_c_and_d(config.epochs, count=counter.of("schemes C and D"), checkpoints=checkpoints)
         track = schemes.track(config.seeds, config.epochs, count=counter.of("helix"), checkpoints=checkpoints)
+        loop = cure(
+            config.seeds,
+            config.cure_epochs,
+            config.final_epochs,
+            config.ticks,
+            count=counter.of("closed loop"),
+            checkpoints=checkpoints,
+        )
     matrices = check_matrices()
     return DensoStudy(
         config,
@@ -105,9 +119,17 @@ def run_study(
         boxes,
         pairs,
         track,
+        loop,
         errata=errata(matrices),
-        checks=check(matrices, path, boxes, track),
+        checks=(*check(matrices, path, boxes, track), *check_cure(loop)),
     )
+
+
+def _work(config: DensoConfig) -> int:
+    """Networks times epochs of all parts."""
+    path_epochs = (config.traditional_epochs, config.feedback_epochs)
+    cured = candidates.work(config.seeds, config.cure_epochs, config.final_epochs)
+    return schemes.work(config.seeds, config.epochs, path_epochs) + cured
 
 
 class _Counter:
@@ -133,6 +155,8 @@ def _numbers(record: Any) -> Any:
         return record.tolist()
     if isinstance(record, dict):
         return {key: _numbers(value) for key, value in record.items()}
+    if isinstance(record, tuple):
+        return [_numbers(value) for value in record]
     if not hasattr(record, "__dataclass_fields__"):
         return record
     long = ("curve_train", "curve_validation", "drift", "path", "errors_mm", "targets", "answers")
