@@ -201,12 +201,12 @@ def test_rollouts_replace_half_of_the_present_joints_by_where_the_network_led(
 @pytest.fixture(scope="module")
 def study() -> tuple[CureStudy, int]:
     calls: list[int] = []
-    return cure(2, 5, 5, 100, count=calls.append), sum(calls)
+    return cure(2, 2, 2, 50, count=calls.append), sum(calls)
 
 
 def test_a_small_study_has_every_remedy_and_counts_its_epochs(study: tuple[CureStudy, int]):
     result, done = study
-    assert done == work(2, 5, 5)
+    assert done == work(2, 2, 2)
     assert [row.hidden for row in result.rows].count(0) == 1
     assert result.rows[result.best].remedy == "nearby points, more units"
     for row in result.rows:

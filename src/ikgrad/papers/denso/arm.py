@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -36,8 +37,9 @@ class MatrixRow:
     note: str
 
 
+@functools.cache
 def denso() -> Robot:
-    """The arm with its gripper."""
+    """The arm with its gripper, read once."""
     return load_robot("denso_vp6242")
 
 
