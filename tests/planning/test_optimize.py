@@ -68,7 +68,7 @@ def test_pairs_whose_straight_motion_collides_are_solved(sixty):
 def test_successes_keep_everything_under_dense_sampling(sixty):
     robot, a, b, found = sixty
     path, good = found.trajectory, found.success
-    t = path.duration[:, None] * torch.linspace(0, 1, 2000, dtype=torch.float64)
+    t = path.duration[:, None] * torch.linspace(0, 1, 1991, dtype=torch.float64)  # every tenth is one of `clearance`'s
     q = path.position(t)
     gap = clearance(robot, spheres(robot), q).amin(dim=1)
     assert bool((gap[good] >= MARGIN * robot.length).all())
@@ -116,7 +116,7 @@ def test_rows_do_not_depend_on_the_batch(name: str, vias: int):
     a, b = pairs(robot, 24)
     options = {"vias": vias, "velocity_max": 1.0, "restarts": 2}
     whole = solve(robot, a, b, **options)
-    assert len(whole.counts()) == 2 or name == "panda"
+    assert len(whole.steps.unique()) >= 4  # rows leave the batch at different times
     order = torch.randperm(24, generator=torch.Generator().manual_seed(0))
     assert same(solve(robot, a[order], b[order], **options), whole, order)
     rows = slice(5, 12)
@@ -139,10 +139,11 @@ def test_rows_do_not_depend_on_blocks_and_threads(monkeypatch: pytest.MonkeyPatc
 def test_seeds_choose_the_detours_and_nothing_else():
     robot = ik.load_robot("ur5e")
     a, b = pairs(robot, 30)
-    first, again, other = (solve(robot, a, b, seed=seed) for seed in (1, 1, 2))
+    few = {"max_steps": 2}  # so that first descents fail
+    first, again, other = (solve(robot, a, b, seed=seed, **few) for seed in (1, 1, 2))
     assert same(again, first, slice(None))
-    tried_again = first.steps != solve(robot, a, b, restarts=0).steps
-    assert bool(tried_again.any())
+    tried_again = first.steps != solve(robot, a, b, restarts=0, **few).steps
+    assert 0 < int(tried_again.sum()) < 30
     equal = (first.trajectory.coefficients == other.trajectory.coefficients).flatten(1).all(dim=1)
     assert bool(equal[~tried_again].all())
     assert not bool(equal[tried_again].all())
@@ -242,6 +243,17 @@ def test_ends_that_collide_are_named():
     assert error.value.result is single
 
 
+def test_ends_that_barely_keep_the_margin_are_proven():
+    """A proof coarser than what an end has beyond the margin would fail whatever the way."""
+    robot = ik.load_robot("panda")
+    a, b = pairs(robot, 40)
+    gap = clearance(robot, spheres(robot), a)
+    for row in gap.argsort()[:5]:
+        found = solve(robot, a[row], b[row], margin=float(gap[row]) - 3e-5)
+        assert bool(found.success)
+        assert float(found.clearance) <= float(gap[row])
+
+
 def test_no_way_is_said_to_be_none():
     """A ring of capsules around the column: the upper arm cannot pass."""
     robot = ik.load_robot("panda")
@@ -269,7 +281,7 @@ def test_the_gradient_is_that_of_the_cost():
         robot,
         dataclasses.replace(robot, variables=tuple(v._replace(kind="prismatic") for v in robot.variables)),
     ):
-        problem = make_problem(arm, spheres(robot), curve, a, b, 0.02, 0.06)
+        problem = make_problem(arm, spheres(robot), curve, a, b, 0.02, 0.06, 1e-6)
         vias = curve.times[1:-1, None] * (b - a)[:, None] + a[:, None]
         vias = vias + 0.8 * torch.randn(vias.shape, generator=torch.Generator().manual_seed(0)).double()
         model = problem.model(vias)
@@ -293,7 +305,7 @@ def test_the_curvature_is_that_of_the_linearised_residuals():
     robot = ik.load_robot("ur5e")
     a, b = pairs(robot, 1)
     curve = make_curve(2, "quintic", 4, 10, a.device)
-    problem: Problem = make_problem(robot, spheres(robot), curve, a, b, 0.02, 0.06)
+    problem: Problem = make_problem(robot, spheres(robot), curve, a, b, 0.02, 0.06, 1e-6)
     vias = 4.0 * torch.randn(1, 2, 6, generator=torch.Generator().manual_seed(3)).double()
     assert bool((problem._outside(curve.at_samples(problem.points(vias))) != 0).any())
 

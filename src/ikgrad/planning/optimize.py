@@ -20,7 +20,9 @@ from ikgrad.solvers.starts import row_keys
 from ikgrad.trajectory import Trajectory
 from ikgrad.trajectory.checks import Numbers
 
-_PER_SEGMENT = 6  # samples between two points that the penalty sees; the verdict does not rest on them
+_PER_SEGMENT = 12  # samples between two points that the penalty sees; the verdict does not rest on them
+_SMOOTHNESS = (1e-7, 1e-8)  # lambda of the first descent and of the others: more, and long ways cut into the margin
+_TOLERANCE = 1e-5  # [m] of the proof; ends nearer to the margin than half of this cannot be proven
 _SHOWN = 200  # times at which the clearance that is reported is looked at
 _BLOCK = 512  # rows in memory at a time
 
@@ -50,7 +52,7 @@ def optimize_trajectory(
     acceleration_max: Numbers | None = None,
     jerk_max: Numbers | None = None,
     max_steps: int = 50,
-    restarts: int = 5,
+    restarts: int = 8,
     seed: int = 0,
 ) -> OptimizedTrajectory:
     """Smooth trajectories from rest to rest that keep clear of obstacles and inside the joint limits.
@@ -62,8 +64,9 @@ def optimize_trajectory(
 
     over N samples s, where r_s is how far all links come into the margin around the obstacles, o_s what lies outside
     the limits (`ikgrad.planning.problem`). The first descent begins on the straight line. Rows that fail begin again
-    on a random detour, the best of 16 by cost. A row is a success if `ikgrad.collision.check_motion` proves the margin
-    for all times and the exact extremes of all joints lie inside the limits.
+    on a random detour, the best of 16 by cost, with a tenth of lambda. A row is a success if
+    `ikgrad.collision.check_motion` proves the margin for all times and the exact extremes of all joints lie inside the
+    limits.
 
     Rows are independent: what comes out for a pair does not depend on what else is in the batch. Results carry no
     gradient.
@@ -115,7 +118,7 @@ def optimize_trajectory(
     batch, dtype = start.shape[:-1], start.dtype
     curve = make_curve(vias, kind, _PER_SEGMENT, _SHOWN, start.device)
     a, b = (q.double().reshape(-1, robot.dof) for q in (start, goal))
-    problem = make_problem(robot, obstacles, curve, a, b, margin, link_radius)
+    problem = make_problem(robot, obstacles, curve, a, b, margin, link_radius, _SMOOTHNESS[0])
     rows = torch.arange(len(a), device=a.device)
     parts = [_solve(problem.rows(block), max_steps, restarts, seed) for block in rows.split(_BLOCK)]
     found = _Found(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
@@ -136,7 +139,7 @@ def _solve(problem: Problem, max_steps: int, restarts: int, seed: int) -> _Found
     for attempt in range(restarts + 1):
         if len(live) == 0:
             break
-        part = problem.rows(live)
+        part = problem.rows(live)._replace(smoothness=_SMOOTHNESS[min(attempt, 1)])
         first = straight_line(part) if attempt == 0 else detours(part, key[live], attempt)
         vias, value, taken = descend(part, first, max_steps)
         good = _proven(part, vias)
@@ -169,7 +172,7 @@ def _proven(problem: Problem, vias: Tensor) -> Tensor:
     inside = (low >= robot.q_min.to(low) - slack) & (high <= robot.q_max.to(high) + slack)
     motion = PolynomialMotion(path.times, path.coefficients)
     thick = problem.link_radius + problem.margin  # links that are thicker by the margin touch nothing
-    return inside.all(dim=-1) & check_motion(robot, motion, problem.obstacles, link_radius=thick).free
+    return inside.all(dim=-1) & check_motion(robot, motion, problem.obstacles, link_radius=thick, tol=_TOLERANCE).free
 
 
 def _clearance(problem: Problem, vias: Tensor) -> Tensor:

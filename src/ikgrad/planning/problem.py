@@ -25,7 +25,6 @@ from ikgrad.collision.obstacles import Obstacles
 from ikgrad.planning.curve import Curve, aligned, each
 from ikgrad.robot import Robot
 
-SMOOTHNESS = 1e-6  # lambda; too much for long ways (ur5e), where smoothness is worth cutting into the margin
 _BUFFER = 0.01  # of the arm's length, on top of the margin
 _INSET = 0.01  # of a joint's range
 
@@ -54,6 +53,7 @@ class Problem(NamedTuple):
     low: Tensor  # (B, n) what the samples shall keep
     high: Tensor  # (B, n)
     unit: Tensor  # (n,) 1, or 1 / length for slides
+    smoothness: float  # lambda
 
     def rows(self, index: Tensor) -> Problem:
         """Some of the rows."""
@@ -87,7 +87,7 @@ class Problem(NamedTuple):
         outside, count = self._outside(q), q.shape[1]
         pull = (slope * r[..., None] + outside * self.unit) / count
         smooth = each(self.curve.jerk, points)[:, 1:-1] * self.unit.square()
-        gradient = each(W.mT, pull) + SMOOTHNESS * smooth
+        gradient = each(W.mT, pull) + self.smoothness * smooth
         rows = aligned((W[:, :, None] * slope[:, :, None, :]).flatten(2))  # (B, N, c): dr_s/dx
         curvature = rows.mT.bmm(rows) / count
         self._add_limits(curvature, outside)
@@ -97,12 +97,12 @@ class Problem(NamedTuple):
         """(c, c) lambda K: the curvature of the smoothness, and of variables that do nothing."""
         free = self.curve.jerk[1:-1, 1:-1].contiguous()
         full = torch.kron(free, self.unit.square().diag())
-        return SMOOTHNESS * torch.block_diag(full, torch.eye(-len(full) % 8).to(full))
+        return self.smoothness * torch.block_diag(full, torch.eye(-len(full) % 8).to(full))
 
     def _cost(self, points: Tensor, r: Tensor, outside: Tensor) -> Tensor:
         bend = (points * each(self.curve.jerk, points) * self.unit.square()).flatten(1).sum(dim=1)
         hurt = r.square().sum(dim=1) + outside.square().flatten(1).sum(dim=1)
-        return (hurt / r.shape[1] + SMOOTHNESS * bend) / 2
+        return (hurt / r.shape[1] + self.smoothness * bend) / 2
 
     def _outside(self, q: Tensor) -> Tensor:
         """(B, N, n) o: positive above the upper limit, negative below the lower."""
@@ -128,6 +128,7 @@ def make_problem(
     goal: Tensor,
     margin: float,
     link_radius: Tensor | float,
+    smoothness: float,
 ) -> Problem:
     """The problem for starts and goals (B, n), float64."""
     q_min, q_max = (x.to(start) for x in (robot.q_min, robot.q_max))
@@ -136,4 +137,4 @@ def make_problem(
     low = torch.minimum(q_min + inset, torch.minimum(start, goal))  # ends may lie at the limits themselves
     high = torch.maximum(q_max - inset, torch.maximum(start, goal))
     unit = torch.where(robot.revolute.to(start.device), 1.0, 1 / robot.length).to(start)
-    return Problem(robot, obstacles, link_radius, margin, curve, start, goal, low, high, unit)
+    return Problem(robot, obstacles, link_radius, margin, curve, start, goal, low, high, unit, smoothness)

@@ -9,7 +9,7 @@ from ikgrad.planning.problem import Problem
 from ikgrad.solvers.starts import random_configurations
 
 _CANDIDATES = 16
-_SIZES = (0.3, 0.6, 1.0, 1.0)  # how far detours go towards their random configuration
+_SIZES = (0.6, 1.0, 1.3, 1.0)  # how far detours go towards their random configuration; beyond it at 1.3
 
 
 def straight_line(problem: Problem) -> Tensor:
