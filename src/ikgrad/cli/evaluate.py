@@ -13,6 +13,7 @@ from ikgrad.cli.terminal import Progress, finite, note, print_json, print_table
 
 if TYPE_CHECKING:
     from ikgrad.evaluation import Evaluation
+    from ikgrad.networks import BestOfStarts
     from ikgrad.networks.storage import AnyInverter
 
 NAMES = ("local", "global", "ikflow", "tracik", "path", "line")  # those of ikgrad.evaluation.PROTOCOLS
@@ -48,6 +49,12 @@ def add(commands: Commands) -> None:
         "--protocols", type=protocols, default=NAMES, metavar="NAMES", help="with commas between (default: all)"
     )
     parser.add_argument("--count", type=count, metavar="N", help="poses a protocol (10,000; 500 x 50 for ikflow)")
+    parser.add_argument(
+        "--starts",
+        type=count,
+        metavar="K",
+        help="the best of K answers from scattered joints, not from the present ones",
+    )
     parser.add_argument("--seed", type=seed, default=0, help="of the poses (default 0)")
     parser.add_argument("--threads", type=count, default=1, metavar="N", help="of torch and of the solver (1)")
     parser.add_argument("--report", metavar="FILE", help="write the page with pictures, .png or .html")
@@ -76,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
     with output_folder(args.out):
         places = _places(args)
-        inverter = load(args)
+        inverter = _from_starts(load(args), args.starts)
         found, left_out = _evaluate(args, inverter)
         document = _document(args, inverter, found, left_out)
         if args.json:
@@ -85,6 +92,18 @@ def run(args: argparse.Namespace) -> int:
             _print(found, left_out)
         _write(places, inverter, found, document, force=args.force)
     return 0
+
+
+def _from_starts(inverter: AnyInverter, starts: int | None) -> AnyInverter | BestOfStarts:
+    """The inverter itself, or the best of its answers."""
+    from ikgrad.errors import ConfigError
+    from ikgrad.networks import BestOfStarts, IncrementInverter
+
+    if starts is None:
+        return inverter
+    if not isinstance(inverter, IncrementInverter):
+        raise ConfigError(f"--starts is for the families increment and unrolled, not for {family(inverter)}")
+    return BestOfStarts(inverter, starts=starts)
 
 
 def _places(args: argparse.Namespace) -> list[Path]:
@@ -98,7 +117,9 @@ def _places(args: argparse.Namespace) -> list[Path]:
     return places
 
 
-def _evaluate(args: argparse.Namespace, inverter: AnyInverter) -> tuple[list[Evaluation], dict[str, str]]:
+def _evaluate(
+    args: argparse.Namespace, inverter: AnyInverter | BestOfStarts
+) -> tuple[list[Evaluation], dict[str, str]]:
     """What was measured, and why something was not."""
     import torch
 
@@ -126,7 +147,7 @@ def _evaluate(args: argparse.Namespace, inverter: AnyInverter) -> tuple[list[Eva
 
 
 def _document(
-    args: argparse.Namespace, inverter: AnyInverter, found: list[Evaluation], left_out: dict[str, str]
+    args: argparse.Namespace, inverter: AnyInverter | BestOfStarts, found: list[Evaluation], left_out: dict[str, str]
 ) -> dict[str, Any]:
     import platform
 
@@ -146,9 +167,12 @@ def _document(
     }
 
 
-def family(inverter: AnyInverter) -> str:
+def family(inverter: AnyInverter | BestOfStarts) -> str:
     """What kind of inverter it is, in words."""
-    from ikgrad.networks import Inverter
+    from ikgrad.networks import BestOfStarts, Inverter
+
+    if isinstance(inverter, BestOfStarts):
+        return f"best of {len(inverter.q_starts)} {inverter.inverter.family}"
 
     if isinstance(inverter, Inverter):
         return "classic, present joints as inputs" if inverter.feedback else "classic, traditional"
@@ -169,7 +193,12 @@ def _print(found: list[Evaluation], left_out: dict[str, str]) -> None:
 
 
 def _write(
-    places: list[Path], inverter: AnyInverter, found: list[Evaluation], document: dict[str, Any], *, force: bool
+    places: list[Path],
+    inverter: AnyInverter | BestOfStarts,
+    found: list[Evaluation],
+    document: dict[str, Any],
+    *,
+    force: bool,
 ) -> None:
     from ikgrad.files.places import in_one_move
     from ikgrad.plots.page import save_evaluation

@@ -8,12 +8,14 @@ from ikgrad.networks.local import IncrementInverter, UnrolledInverter
 from ikgrad.networks.mlp import ACTIVATIONS, MLP, Activation
 from ikgrad.networks.residual import ResidualMLP
 from ikgrad.networks.scaling import MinMax
+from ikgrad.networks.starts import BestOfStarts
 from ikgrad.networks.storage import load_inverter, save_inverter
 
 __all__ = [
     "ACTIVATIONS",
     "ENCODINGS",
     "Activation",
+    "BestOfStarts",
     "IncrementInverter",
     "Inverter",
     "MLP",
