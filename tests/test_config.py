@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ikgrad.config import AppsConfig, TrainConfig, load_config
+from ikgrad.config import AppsConfig, StreamConfig, TrainConfig, load_config
 from ikgrad.config.loading import describe_keys
 from ikgrad.config.training import train_config
 from ikgrad.errors import ConfigError, UnknownNameError
@@ -85,7 +85,9 @@ def test_reading_settings_does_not_import_torch():
 
 
 def test_options_win_over_the_file(written):
-    path = written("robot: panda\nhidden: [5]\nlr: 0.1\ndata: {scheme: cube, count: 10, half_width: 0.03}\n")
+    path = written(
+        "model: classic\nrobot: panda\nhidden: [5]\nlr: 0.1\ndata: {scheme: cube, count: 10, half_width: 0.03}\n"
+    )
     config = train_config(path, {"hidden": [20, 20], "lr": None, "data": {"count": 30}})
     assert config == TrainConfig(
         robot="panda", hidden=(20, 20), data={"scheme": "cube", "count": 30, "half_width": 0.03}
@@ -140,18 +142,19 @@ def test_settings_survive_a_round_trip_through_yaml(written):
 )
 def test_wrong_settings_of_a_training_are_refused(options, message):
     with pytest.raises(ConfigError, match=message):
-        train_config({"robot": "panda"}, options)
+        train_config({"model": "classic", "robot": "panda"}, options)
 
 
 def test_keys_of_a_scheme_need_a_scheme(written):
     with pytest.raises(ConfigError, match="key 'data' must name a 'scheme', or change keys of one"):
-        train_config({"robot": "panda", "data": "mine.safetensors"}, {"data": {"count": 3}})
+        train_config({"model": "classic", "robot": "panda", "data": "mine.safetensors"}, {"data": {"count": 3}})
     with pytest.raises(ConfigError, match="data must be the path of a data set or name a 'scheme'"):
-        train_config({"robot": "panda", "data": {"count": 3}}, {})
+        train_config({"model": "classic", "robot": "panda", "data": {"count": 3}}, {})
 
 
-def test_every_key_of_a_training_is_described():
-    assert list(describe_keys(TrainConfig)) == [field.name for field in dataclasses.fields(TrainConfig)]
+@pytest.mark.parametrize("cls", [TrainConfig, StreamConfig])
+def test_every_key_of_a_training_is_described(cls: type):
+    assert list(describe_keys(cls)) == [field.name for field in dataclasses.fields(cls)]
 
 
 @pytest.mark.parametrize("name", ["denso_feedback", "denso_traditional"])
@@ -162,3 +165,76 @@ def test_built_in_trainings_are_found_by_name(name: str):
 def test_an_unknown_built_in_name_is_refused():
     with pytest.raises(UnknownNameError, match="unknown configuration 'denso_fedback'; did you mean 'denso_feedback'"):
         find_config("denso_fedback")
+
+
+# ---------------------------------------------------------------- two kinds of trainings
+
+
+def test_the_model_decides_which_settings_there_are():
+    assert train_config(None, {"robot": "panda"}) == StreamConfig(robot="panda")
+    assert train_config({"robot": "panda"}, {"model": "increment"}) == StreamConfig(robot="panda", model="increment")
+    assert train_config(None, {"robot": "panda", "model": "classic"}) == TrainConfig(robot="panda")
+    config = StreamConfig(robot="panda", spread=0.2)
+    assert train_config(config, {"seed": 3}) == dataclasses.replace(config, seed=3)
+
+
+def test_the_configuration_for_any_robot_holds_the_defaults():
+    assert train_config(find_config("inverter"), {"robot": "panda"}) == StreamConfig(robot="panda")
+
+
+def test_settings_of_a_stream_survive_a_round_trip_through_yaml(written):
+    config = StreamConfig(robot="arm.urdf", tip="0", model="increment", spread=None, lr=1e-5, steps=9, loss_shape="log")
+    text = config.to_yaml()
+    assert "spread: null\n" in text
+    assert train_config(written(text), {}) == config
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "message"),
+    [
+        (
+            {},
+            {"hidden": [3]},
+            "options: key 'hidden' belongs to model classic, but model is unrolled; leave it out, or",
+        ),
+        ({}, {"patience": 3}, "options: key 'patience' belongs to model classic, .* or say 'model: classic'"),
+        (
+            {"model": "classic"},
+            {"minutes": 3},
+            "'minutes' belongs to the models unrolled and increment, but model is classic; .*'model: unrolled'",
+        ),
+        ({"epochs": 3}, {}, "settings: key 'epochs' belongs to model classic, but model is unrolled"),
+        (TrainConfig(robot="panda"), {"model": "increment"}, "settings: key 'feedback' belongs to model classic"),
+        (
+            {},
+            {"model": "unroled"},
+            "options: key 'model' must be unrolled, increment or classic, got 'unroled'; did you",
+        ),
+        ({"model": 3}, {}, "settings: key 'model' must be unrolled, increment or classic, got 3$"),
+        ({}, {"model": "increment", "rounds": 3}, "rounds belongs to model unrolled, got 3"),
+        (
+            {},
+            {"minuts": 3},
+            "options: unknown key 'minuts'; did you mean 'minutes'\\? \\(known: robot, base, tip, model,",
+        ),
+        ({}, {"minutes": 0}, "minutes must be positive and finite, got 0"),
+        ({}, {"minutes": float("inf")}, "minutes must be positive and finite, got inf"),
+        ({}, {"lr": float("nan")}, "lr must be positive and finite, got nan"),
+        ({}, {"spread": -0.1}, "spread must be positive and finite, got -0.1"),
+        ({}, {"steps": 0}, "steps must be at least 1, got 0"),
+        ({}, {"steps": 1.5}, "key 'steps' must be of type int | None, got 1.5"),
+        ({}, {"width": 0}, "width must be at least 1, got 0"),
+        ({}, {"width": True}, "key 'width' must be of type int | None, got True"),
+        ({}, {"batch_size": None}, "key 'batch_size' must be of type int, got None"),
+        ({}, {"seed": 2**30 - 1}, "seed must be from 0 to 2\\^30 - 2, got 1073741823"),
+        ({}, {"joint_weight": -1}, "joint_weight must be a finite weight, 0 or more, got -1"),
+        ({}, {"pose_weight": 0}, "pose_weight and joint_weight must not both be 0: there is nothing to learn, got 0"),
+        ({}, {"labels": "solved"}, "key 'labels' must be of type Literal\\['made', 'solver'\\], got 'solved'"),
+        ({}, {"device": "gpu"}, "device must be cpu, cuda or cuda:N, got 'gpu'"),
+    ],
+)
+def test_wrong_settings_of_a_stream_are_refused(source, options, message):
+    if isinstance(source, dict):
+        source = {"robot": "panda", **source}
+    with pytest.raises(ConfigError, match=message):
+        train_config(source, options)

@@ -18,7 +18,7 @@ from ikgrad.cli.main import main
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 BOX = "{scheme: joint_box, count: 120, half_width: 0.3}"
-QUICK = ["train", "--robot", "denso_vp6242", "--hidden", "[5]", "--data", BOX, "--epochs", "4"]
+QUICK = ["train", "--model", "classic", "--robot", "denso_vp6242", "--hidden", "[5]", "--data", BOX, "--epochs", "4"]
 
 
 @pytest.fixture(autouse=True)
@@ -76,7 +76,10 @@ def test_a_built_in_name_and_keys_of_its_data(capsys: pytest.CaptureFixture[str]
     ("options", "message"),
     [
         (["--hiden", "[3]"], "unknown option '--hiden'; did you mean '--hidden'?"),
-        (["--config", "bad.yaml"], "bad.yaml: unknown key 'hiden'; did you mean 'hidden'? (known: robot, base, tip,"),
+        (
+            ["--config", "bad.yaml"],
+            "bad.yaml: unknown key 'hiden'; did you mean 'hidden'? (known: robot, base, tip, model,",
+        ),
         (["--config", "denso_fedback"], "unknown configuration 'denso_fedback'; did you mean 'denso_feedback'?"),
         (["--config", "none.yaml"], "none.yaml: cannot read the configuration: No such file or directory"),
         (["--hidden", "20"], "options: key 'hidden' must be of type tuple[int, ...], got 20"),
@@ -99,7 +102,7 @@ def test_a_built_in_name_and_keys_of_its_data(capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_mistakes_get_one_line_and_write_nothing(options, message, tmp_path: Path, monkeypatch, capsys):
-    (tmp_path / "bad.yaml").write_text("robot: panda\nhiden: [3]\n")
+    (tmp_path / "bad.yaml").write_text("model: classic\nrobot: panda\nhiden: [3]\n")
     ik.data.generate(ik.load_robot("ur5e"), ik.data.JointBox(count=20)).save("ur5e.safetensors")
     (tmp_path / "torn.safetensors").write_bytes((tmp_path / "ur5e.safetensors").read_bytes()[:-9])
     if "--tensorboard" in options:
@@ -110,10 +113,10 @@ def test_mistakes_get_one_line_and_write_nothing(options, message, tmp_path: Pat
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_robot_must_be_given(capsys: pytest.CaptureFixture[str]):
-    assert "robot must be the name of a built-in robot or the path of a URDF file, got nothing" in mistake(
-        capsys, "train"
-    )
+@pytest.mark.parametrize("model", ["classic", "unrolled"])
+def test_a_robot_must_be_given(model: str, capsys: pytest.CaptureFixture[str]):
+    line = mistake(capsys, "train", "--model", model)
+    assert "robot must be the name of a built-in robot or the path of a URDF file, got nothing" in line
 
 
 def test_a_run_is_not_replaced_without_force(capsys: pytest.CaptureFixture[str]):

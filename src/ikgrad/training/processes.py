@@ -8,7 +8,7 @@ messages behind that of layers, of which small networks have none to speak of.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -54,17 +54,11 @@ class Processes:
             raise ConfigError(f"batch_size {count} is too small for {self.size} processes; each needs a row")
         return slice(self.rank * count // self.size, (self.rank + 1) * count // self.size)
 
-    def add_up(self, loss: float, gradients: Sequence[Tensor]) -> float:
-        """Sum the gradients of all processes in place, and their losses; in float64: the order shall not show."""
-        if self.size == 1:
-            return loss
-        first = gradients[0].new_tensor([loss], dtype=torch.float64)
-        flat = torch.cat([first, *(gradient.double().flatten() for gradient in gradients)])
-        dist.all_reduce(flat)
-        total, *parts = flat.split([1, *(gradient.numel() for gradient in gradients)])
-        for gradient, part in zip(gradients, parts, strict=True):
-            gradient.copy_(part.view_as(gradient))
-        return float(total)
+    def add_up(self, numbers: Tensor) -> Tensor:
+        """The sum over all processes, in place."""
+        if self.size > 1:
+            dist.all_reduce(numbers)
+        return numbers
 
     def from_first(self, value: float) -> float:
         """The first process's value: what all decide by."""
