@@ -121,3 +121,12 @@ def test_trajectories_are_optimised_on_the_gpu():
     assert float(found.success.double().mean()) >= 0.9
     here = ik.optimize_trajectory(robot, q[:100].cpu(), q[100:].cpu(), balls("cpu"), link_radius=0.05, velocity_max=2.0)
     assert int((here.success != found.success.cpu()).sum()) <= 3
+
+
+@pytest.mark.parametrize("model", ["unrolled", "increment"])
+def test_inverters_are_trained_on_the_gpu(model):
+    options = dict(robot="panda", model=model, width=32, batch_size=256, steps=30, checks=5)
+    there, here = ik.train(**options, device="cuda"), ik.train(**options)
+    assert next(there.inverter.parameters()).device.type == "cpu"
+    losses = [torch.tensor([check.loss for check in result.curves[0]]) for result in (there, here)]
+    torch.testing.assert_close(*losses, rtol=2e-3, atol=0)

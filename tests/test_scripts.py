@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
@@ -27,17 +26,6 @@ def test_calibration_takes_the_tool_error_below_a_thousandth():
 def test_the_survey_loads_every_built_in_robot():
     printed = run("scripts/survey_urdfs.py", "urdf")
     assert "7 files: {'loaded': 7}; 7 chains compared" in printed
-
-
-def test_an_inverter_is_trained_saved_and_measured(tmp_path: Path):
-    folder, record = str(tmp_path / "mine"), str(tmp_path / "mine.json")
-    few = ("arm4", "--threads", "1", "--count", "200")
-    printed = run("scripts/train_inverter.py", *few, "--minutes", "0.02", "--save", folder, "--json", record)
-    assert "arm4, task local, 0.5 rad, 200 poses" in printed
-    assert "arm4, task global, 200 poses" in printed
-    assert [len(task["rows"]) for task in json.loads(Path(record).read_text())] == [11, 11]
-    again = run("scripts/train_inverter.py", *few, "--load", folder)
-    assert re.findall(r"\| inverter \|.*?%", printed) == re.findall(r"\| inverter \|.*?%", again)
 
 
 def test_the_stages_of_learning_go_on_where_they_stopped(tmp_path: Path):

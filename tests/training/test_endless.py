@@ -112,6 +112,30 @@ def test_settings_out_of_range_are_refused(ur5e: ik.Robot):
         EndlessTraining(inverter, TaskStream(ik.load_robot("panda")), steps=3)
 
 
+@pytest.mark.parametrize("family", [IncrementInverter, UnrolledInverter])
+def test_nothing_of_a_step_stays_on_the_cpu(family: type[IncrementInverter], ur5e: ik.Robot):
+    """The meta device refuses to meet tensors of the CPU, as a GPU does."""
+    rows = [part.to("meta") for part in TaskStream(ur5e, batch_size=8).batch(0)]
+    inverter = family(ur5e, width=16).to("meta")
+    answers = inverter.iterates(rows[0], rows[2])
+    loss = sum(PoseLoss(joints=0.1)(ur5e, q, rows[0], rows[1]) for q in answers)
+    gradients = torch.autograd.grad(loss, list(inverter.parameters()))
+    assert {tensor.device.type for tensor in (loss, *answers, *gradients)} == {"meta"}
+
+
+def test_a_training_without_the_compiled_kernels_is_the_same(ur5e: ik.Robot, monkeypatch):
+    """What runs on a GPU, on the CPU."""
+    from ikgrad.solvers import damped
+
+    compiled = make(ur5e, checks=5)
+    compiled.run()
+    monkeypatch.setattr(damped, "_compiled", damped._plain)
+    plain = make(ur5e, checks=5)
+    plain.run()
+    found = [torch.tensor([check.loss for check in training.history]) for training in (plain, compiled)]
+    torch.testing.assert_close(*found, rtol=1e-4, atol=0)  # Muon's bfloat16 makes more of a rounding error
+
+
 def test_the_loss_can_be_chosen(ur5e: ik.Robot):
     assert make(ur5e).loss == PoseLoss(shape="root", delta=0.02)
     assert make(ur5e, loss=PoseLoss(shape="square")).loss.shape == "square"

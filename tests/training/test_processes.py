@@ -39,7 +39,9 @@ def test_two_processes_learn_what_one_learns(tmp_path: Path):
     document = json.loads(done.stdout)  # one document: the other process is silent
     assert document["members"][0]["steps"] == 50
     assert json.loads((tmp_path / "two" / "run.json").read_text())["platform"]["processes"] == 2
-    ik.train(robot="ur5e", width=16, rounds=2, batch_size=1024, steps=50, checks=50, test_rows=100, out=tmp_path / "one")
+    ik.train(
+        robot="ur5e", width=16, rounds=2, batch_size=1024, steps=50, checks=50, test_rows=100, out=tmp_path / "one"
+    )
     one, two = losses(tmp_path / "one"), losses(tmp_path / "two")
     assert len(one) > 40
     assert one[-1] < one[0]

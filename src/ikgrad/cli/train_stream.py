@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ikgrad.cli.terminal import Progress, duration, print_table
@@ -22,7 +23,7 @@ class LiveCurve(Progress):
     """Steps, time left, and the last point of the curve; its units are thousandths of the budget."""
 
     def __init__(self, config: StreamConfig):
-        super().__init__(f"train {config.robot}", 1000, "steps")
+        super().__init__(f"train {Path(config.robot).stem}", 1000, "steps")
         self.now: StreamProgress | None = None
         self._first: StreamProgress | None = None
         self._members = config.members
