@@ -2,10 +2,11 @@
 
     python scripts/bench_seeds.py [--robot panda] [--poses 10000] [--seeds 0 1 2] [--threads 1] [--inverter panda ...]
 
-The poses are those of random configurations inside the limits, another set for every seed. All rows are solved to 1e-6 m
-and 1e-6 rad, inside the limits, by `solve_ik`; ``guess`` is the time for the guesses, ``total`` that and the solve: the
-smallest of the rounds, the kinds of start taking turns, then the mean over the seeds; ``of random`` likewise, with the
-smallest and the largest of the seeds. An inverter that looks at the present joints starts from the middle of the ranges.
+The poses are those of random configurations inside the limits, another set for every seed. All rows are solved to
+1e-6 m and 1e-6 rad, inside the limits, by `solve_ik`; ``guess`` is the time for the guesses, ``total`` that and the
+solve: the smallest of the rounds, the kinds of start taking turns, then the mean over the seeds; ``of random`` likewise,
+with the smallest and the largest of the seeds. An inverter that looks at the present joints starts from the middle of
+the ranges.
 """
 
 from __future__ import annotations

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import roma
 import torch
 
 import ikgrad as ik
 from ikgrad import engine
 from ikgrad.engine.damped import damped
-from ikgrad.solvers.damped import _plain, damped_steps, typical_length
+from ikgrad.rotations import drawn_log_rotation
+from ikgrad.solvers.damped import _plain, damped_steps, solve_spd, typical_length
 
 
 def task(robot: ik.Robot, count: int = 61, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -84,6 +86,26 @@ def test_any_batch_shape_and_dtype_and_nothing_is_changed(panda: ik.Robot):
     assert {part.dtype for part in found} == {torch.float32}
     assert damped_steps(panda, T[0], q).q.shape == (6, 7)
     assert torch.equal(q, before)
+
+
+def test_solve_spd_solves():
+    generator = torch.Generator().manual_seed(0)
+    J = torch.randn(50, 6, 7, generator=generator, dtype=torch.float64)
+    A, b = J @ J.mT + 1e-6 * torch.eye(6), torch.randn(50, 6, generator=generator, dtype=torch.float64)
+    torch.testing.assert_close(A @ solve_spd(A, b)[..., None], b[..., None], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-7, 1e-12, 0.0])
+def test_the_drawn_logarithm_is_exact_near_nothing_near_half_a_turn_and_between(scale: float):
+    generator = torch.Generator().manual_seed(0)
+    axis = torch.nn.functional.normalize(torch.randn(2000, 3, generator=generator, dtype=torch.float64), dim=1)
+    size = scale * torch.pi * torch.rand(2000, 1, generator=generator, dtype=torch.float64)
+    for angle in (size, torch.pi - size):
+        R = roma.rotvec_to_rotmat(angle * axis)
+        found = drawn_log_rotation(R)
+        torch.testing.assert_close(roma.rotvec_to_rotmat(found), R, rtol=0, atol=1e-14)
+        torch.testing.assert_close(found.norm(dim=1, keepdim=True), angle, rtol=4e-15, atol=4e-15 if scale else 0.0)
+    assert drawn_log_rotation(torch.eye(3)).tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(

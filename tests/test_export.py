@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -14,10 +15,11 @@ import torch
 
 import ikgrad as ik
 from ikgrad.cli.main import main
+from ikgrad.data import TaskStream
 from ikgrad.export import Refined, export_inverter, read_metadata
-from ikgrad.export.refined import solve_spd
-from ikgrad.networks import UnrolledInverter
+from ikgrad.networks import IncrementInverter, UnrolledInverter
 from ikgrad.resources import builtin_file
+from ikgrad.solvers import damped
 
 
 def make(name: str = "arm4", *, feedback: bool = False, dtype: torch.dtype = torch.float32) -> ik.Inverter:
@@ -43,6 +45,7 @@ class Copy(torch.nn.Module):
     def __init__(self, robot: ik.Robot, dtype: torch.dtype = torch.float64):
         super().__init__()
         self.robot, self.feedback, self.dtype = robot, True, dtype
+        self.weight = torch.nn.Parameter(torch.ones((), dtype=dtype))
 
     def forward(self, T: torch.Tensor, q_current: torch.Tensor) -> torch.Tensor:
         return q_current + 0.0
@@ -115,13 +118,6 @@ def test_half_a_turn_is_measured_as_such():
         torch.testing.assert_close(rotation, torch.full_like(rotation, turn), rtol=1e-6, atol=1e-6)
 
 
-def test_solve_spd_solves():
-    generator = torch.Generator().manual_seed(0)
-    J = torch.randn(50, 6, 7, generator=generator, dtype=torch.float64)
-    A, b = J @ J.mT + 1e-6 * torch.eye(6), torch.randn(50, 6, generator=generator, dtype=torch.float64)
-    torch.testing.assert_close(A @ solve_spd(A, b)[..., None], b[..., None], rtol=1e-9, atol=1e-9)
-
-
 @pytest.mark.parametrize("steps", [None, 1])
 def test_a_pt2_file_is_torch(tmp_path, steps):
     inverter = make(feedback=True, dtype=torch.float64)
@@ -179,9 +175,109 @@ def test_mistakes(tmp_path, name, steps, error, text):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_families_with_compiled_steps_are_refused(tmp_path):
-    with pytest.raises(ik.ConfigError, match="family 'unrolled' cannot be exported: its steps are compiled kernels"):
-        export_inverter(UnrolledInverter(ik.load_robot("arm4")), tmp_path / "a.onnx")
+def taught(family: type[IncrementInverter], robot: ik.Robot, **options: int) -> IncrementInverter:
+    """An inverter whose last layer says something, without a training."""
+    inverter = family(robot, **options)
+    with torch.no_grad():
+        inverter.network.layers[-1].bias.normal_(std=0.02, generator=torch.Generator().manual_seed(1))  # type: ignore[operator]
+    return inverter
+
+
+@pytest.fixture(params=["panda", "ur5e", "kr210", "denso_vp6242", "zoo"])
+def arm(request: pytest.FixtureRequest, zoo_path: Path) -> ik.Robot:
+    """Four arms, and a chain with a slide, mimic joints and a joint without limits."""
+    return ik.load_robot(zoo_path, tip="hand") if request.param == "zoo" else ik.load_robot(request.param)
+
+
+@pytest.mark.parametrize("spread", [0.5, None], ids=["local", "global"])
+@pytest.mark.parametrize("family", [IncrementInverter, UnrolledInverter])
+def test_what_is_drawn_computes_what_the_kernels_compute(arm, family, spread, monkeypatch):
+    T, _, q_current = TaskStream(arm, batch_size=1000, spread=spread, seed=4).batch(0)
+    inverter = taught(family, arm)
+    with torch.no_grad():
+        compiled = inverter(T, q_current)
+        monkeypatch.setattr(damped, "_compiled", None)  # nothing here may call it
+        monkeypatch.setattr(damped, "no_transform", lambda: False)
+        drawn = inverter(T, q_current)
+    assert float((drawn - compiled).abs().max()) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "family",
+    [pytest.param(IncrementInverter, marks=pytest.mark.slow), pytest.param(UnrolledInverter, marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("steps", [None, 2])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_files_of_every_family_for_every_arm(arm, family, steps, dtype, tmp_path):
+    inverter = taught(family, arm)
+    both(inverter, export_inverter(inverter, tmp_path / "arm.onnx", steps=steps, dtype=dtype).path, steps, dtype)
+
+
+def both(inverter: IncrementInverter, path: Path, steps: int | None, dtype: torch.dtype) -> None:
+    """The file against torch with its kernels, for several batch sizes."""
+    model = inverter if steps is None else Refined(inverter, steps=steps)
+    for count in (0, 1, 7, 1000):
+        T, _, q_current = TaskStream(inverter.robot, batch_size=max(count, 1), seed=count).batch(0)
+        T, q_current = T[:count].to(dtype), q_current[:count].to(dtype)
+        got = run(path, T, q_current)
+        with torch.no_grad():
+            answer = model(T, q_current)
+        wanted = (answer,) if steps is None else answer
+        assert len(got) == len(wanted)
+        for ours, theirs in zip(got, wanted, strict=True):
+            assert ours.dtype == theirs.numpy().dtype
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=5e-6)
+
+
+@pytest.fixture(scope="module")
+def unrolled(zoo_path, tmp_path_factory) -> tuple[UnrolledInverter, Path]:
+    """One file for many tests, since drawing takes seconds: one round and one step for the zoo."""
+    inverter = taught(UnrolledInverter, ik.load_robot(zoo_path, tip="hand"), rounds=1, width=16)
+    return inverter, export_inverter(inverter, tmp_path_factory.mktemp("zoo") / "zoo.onnx", steps=1).path
+
+
+def test_an_inverter_that_holds_the_chain_is_torch_for_any_batch(unrolled):
+    both(*unrolled, 1, torch.float32)
+
+
+def test_an_increment_is_torch_for_any_batch(tmp_path):
+    inverter = taught(IncrementInverter, ik.load_robot("ur5e"), width=16)
+    both(inverter, export_inverter(inverter, tmp_path / "a.onnx", dtype=torch.float64).path, None, torch.float64)
+
+
+def test_a_file_of_a_family_says_what_is_float32_and_what_the_joints_are(unrolled):
+    inverter, path = unrolled
+    metadata = read_metadata(path)
+    assert metadata["robot"]["fingerprint"] == inverter.robot.fingerprint
+    assert metadata["robot"]["joint_units"] == ["rad", "m", "rad"]
+    assert metadata["family"] == "unrolled"
+    assert (metadata["dtype"], metadata["network_dtype"], metadata["chain_dtype"]) == ("float32", "float32", "float64")
+    assert metadata["inputs"]["q_current"] == "(batch, 3) present joints, in the order of joint_names"
+    assert list(metadata["outputs"]) == ["q", "position_error", "rotation_error"]
+
+
+def test_a_pt2_file_of_a_family_is_exact(tmp_path):
+    inverter = taught(UnrolledInverter, ik.load_robot("denso_vp6242"), rounds=2)
+    done = export_inverter(inverter, tmp_path / "arm.pt2", dtype=torch.float64)
+    assert done.difference < 1e-9
+    T, _, q_current = TaskStream(inverter.robot, batch_size=7).batch(0)
+    program = torch.export.load(done.path).module()
+    with torch.no_grad():
+        torch.testing.assert_close(program(T, q_current), inverter(T, q_current), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("family", "dtype", "text"),
+    [
+        ("classic", torch.float64, r"dtype must be torch\.float32, that of the inverter, got torch\.float64"),
+        ("unrolled", torch.float16, r"dtype must be torch\.float32 or torch\.float64, got torch\.float16"),
+    ],
+)
+def test_dtypes_that_an_inverter_does_not_take_are_refused(tmp_path, family, dtype, text):
+    inverter = make() if family == "classic" else UnrolledInverter(ik.load_robot("arm4"))
+    with pytest.raises(ik.ConfigError, match=text):
+        export_inverter(inverter, tmp_path / "a.onnx", dtype=dtype)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript"])

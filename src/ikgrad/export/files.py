@@ -152,6 +152,7 @@ def _describe(inverter: AnyInverter, steps: int | None, dtype: torch.dtype) -> d
         "family": getattr(inverter, "family", "classic"),
         "dtype": str(dtype).removeprefix("torch."),
         "network_dtype": str(next(inverter.parameters()).dtype).removeprefix("torch."),
+        "chain_dtype": "float64",
         "damped_steps": steps,
         "versions": {"ikgrad": __version__, "torch": torch.__version__, "python": platform.python_version()},
     }
