@@ -4,9 +4,9 @@
 
 The poses are those of random configurations inside the limits, another set for every seed. All rows are solved to
 1e-6 m and 1e-6 rad, inside the limits, by `solve_ik`; ``guess`` is the time for the guesses, ``total`` that and the
-solve: the smallest of the rounds, the kinds of start taking turns, then the mean over the seeds; ``of random`` likewise,
-with the smallest and the largest of the seeds. An inverter that looks at the present joints starts from the middle of
-the ranges.
+solve: the smallest of the rounds, the kinds of start taking turns, then the mean over the seeds; ``of random``
+likewise, with the smallest and the largest of the seeds. An inverter that looks at the present joints starts from the
+middle of the ranges.
 """
 
 from __future__ import annotations
