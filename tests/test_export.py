@@ -61,7 +61,7 @@ def plain(tmp_path_factory):
 def refined(tmp_path_factory):
     robot = ik.load_robot("ur5e")
     copy = Copy(robot, torch.float32)
-    return robot, export_inverter(copy, tmp_path_factory.mktemp("refined") / "ur5e.onnx", steps=2)
+    return robot, export_inverter(copy, tmp_path_factory.mktemp("refined") / "ur5e.onnx", steps=1)
 
 
 def run(path, *arguments: torch.Tensor) -> list[np.ndarray]:
@@ -86,7 +86,8 @@ def test_the_damped_steps_inside_reach_the_pose_and_measure_it(refined):
     q, position, rotation = run(done.path, T.float(), beside.float())
     reached = ik.forward_kinematics(robot, torch.from_numpy(q).double())
     e = ik.pose_error(reached, T.float().double())
-    assert np.median(position) < 1e-5
+    before = ik.pose_error(ik.forward_kinematics(robot, beside), T)[:, :3].norm(dim=1)
+    assert np.median(position) < 0.1 * before.median()
     # the answer is rounded to float32 after it was measured
     np.testing.assert_allclose(position, e[:, :3].norm(dim=1), rtol=1e-3, atol=2e-6)
     np.testing.assert_allclose(rotation, e[:, 3:].norm(dim=1), rtol=1e-3, atol=2e-6)
@@ -118,7 +119,7 @@ def test_half_a_turn_is_measured_as_such():
         torch.testing.assert_close(rotation, torch.full_like(rotation, turn), rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("steps", [None, 1])
+@pytest.mark.parametrize("steps", [None, 0])
 def test_a_pt2_file_is_torch(tmp_path, steps):
     inverter = make(feedback=True, dtype=torch.float64)
     done = export_inverter(inverter, tmp_path / "arm.pt2", steps=steps)
@@ -143,6 +144,8 @@ def test_the_file_says_what_its_user_must_know(plain):
     assert "3 x 3 matrices" in metadata["quaternions"]
     onnx.checker.check_model(done.path)
     assert [node.name for node in onnx.load(done.path).graph.output] == ["q"]
+    assert b"site-packages" not in done.path.read_bytes()
+    assert str(Path(ik.__file__).parent).encode() not in done.path.read_bytes()
 
 
 def test_nothing_is_overwritten(plain):
@@ -328,7 +331,7 @@ def test_the_commands_mistakes(saved, tmp_path, capsys):
         ([str(saved / "mine"), str(tmp_path / "a.pt2"), "--robot", "ur5e"], "not for 'ur5e'"),
         (
             [str(saved / "mine"), str(tmp_path / "a.pt2"), "--robot", str(urdf)],
-            "what differs: the geometry of the links",
+            "what differs: geometry of joint_",
         ),
     ]
     for arguments, text in cases:

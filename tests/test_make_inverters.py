@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import sys
 from pathlib import Path
 
@@ -73,7 +74,7 @@ def test_what_is_done_is_skipped_and_what_was_stopped_goes_on(script, monkeypatc
     assert run(script, monkeypatch) == []
     (tmp_path / "package" / "panda" / "report.png").unlink()
     assert [call.split()[0] for call in run(script, monkeypatch)] == ["evaluate"]
-    (tmp_path / "runs" / "inverters" / "arm4" / "model" / "config.json").unlink()
+    shutil.rmtree(tmp_path / "runs" / "inverters" / "arm4" / "model")
     (tmp_path / "package" / "arm4" / "model.safetensors").unlink()
     calls = run(script, monkeypatch)
     assert [call.split()[0] for call in calls] == ["train", "evaluate"]

@@ -194,6 +194,8 @@ def _write_onnx(module: nn.Module, arguments: tuple[Tensor, ...], path: Path, me
         assert program is not None
         optimizer.fold_constants(program.model)
         optimizer.remove_unused_nodes(program.model)
+    for node in program.model.graph:
+        node.metadata_props.clear()  # stack traces, with the paths of this machine
     program.model.metadata_props["ikgrad"] = json.dumps(metadata)
     program.save(path)
 
