@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import itertools
 import subprocess
@@ -18,6 +19,8 @@ import ikgrad as ik
 from ikgrad import plots
 from ikgrad.collision import Capsules, Spheres
 from ikgrad.errors import ConfigError, DataError
+from ikgrad.evaluation import Evaluation, Local, TracIK
+from ikgrad.evaluation import Path as SmoothPath
 from ikgrad.plots import tubes
 
 LINKS = np.cumsum(np.random.default_rng(0).normal(size=(6, 3, 1, 3)), axis=1).repeat(2, axis=2)
@@ -54,7 +57,18 @@ def among_poles() -> object:
     return plots.arm_motion(ik.load_robot("panda"), motions(), pole, poses=3)
 
 
+@functools.cache
+def evaluated() -> list[Evaluation]:
+    inverter = ik.UnrolledInverter(ik.load_robot("panda"), rounds=1, width=8)
+    return [ik.evaluate(inverter, protocol(count=50), plain_steps=()) for protocol in (Local, TracIK, SmoothPath)]
+
+
+def page() -> object:
+    return plots.evaluation_page(evaluated(), ik.load_robot("panda"), title="panda")
+
+
 FIGURES = {
+    "evaluation_page": page,
     "convergence": lambda: plots.convergence(CURVES, threshold=1e-9, printed={"a": 50, "b": 80}),
     "one_curve": lambda: plots.convergence({"a": CURVES["a"]}, threshold=1e-9),
     "learning_rates": lambda: plots.learning_rates(

@@ -1,4 +1,7 @@
-"""An evaluation as cells of a table: the same ones on the terminal, in Markdown and in the report."""
+"""An evaluation as cells of a table: the same ones on the terminal, in Markdown and in the report.
+
+What makes a table too wide for a terminal, and digits that nobody needs, are in the record alone.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +19,14 @@ def cells(evaluation: Evaluation) -> list[list[str]]:
 
 
 def number(value: float) -> str:
-    """Two digits, or three before the point.
+    """Two digits, or three and more before the point; what is below a millionth is nothing to anybody.
 
     Example:
         >>> [number(x) for x in (0.0, 3e-13, 0.00123, 2.345, 17.2, 1234.5, float("inf"))]
-        ['0', '3e-13', '0.0012', '2.3', '17', '1,234', 'inf']
+        ['<1e-6', '<1e-6', '0.0012', '2.3', '17', '1,234', 'inf']
     """
+    if value < 1e-6:
+        return "<1e-6"
     return f"{value:,.0f}" if 99.5 <= value < float("inf") else f"{value:.2g}".replace("e-0", "e-")
 
 
@@ -62,9 +67,8 @@ _COLUMNS: list[_Column] = [
     ("mean [deg]", _extra("mean_rotation_deg", number)),
     ("inside", _unless_solved(lambda row: percent(row.errors.inside))),
     ("1 mm, 0.01 rad", _unless_solved(lambda row: percent(row.errors.close))),
-    ("1e-6 m, 1e-6 rad", _unless_solved(lambda row: percent(row.errors.exact))),
+    ("1e-6 m, 1e-6 rad", _unless_solved(lambda row: "" if "largest_jump" in row.extra else percent(row.errors.exact))),
     ("reconfigurations", _extra("reconfigurations", lambda x: f"{x:,.0f}")),
-    ("paths with one", _extra("paths_with_one", percent)),
     ("largest jump [rad]", _extra("largest_jump", number)),
     ("us a pose", lambda row: f"{row.microseconds:.2f}"),
     ("of the engine's time", _extra("time_ratio", lambda x: f"{x:.2f}")),

@@ -43,7 +43,7 @@ def evaluation_page(
     """
     shown = [found for found in evaluations if found.answers is not None]
     rows = summary_cells(evaluations) if summary else []
-    text = [line for remark in remarks(evaluations) for line in textwrap.wrap(remark, 150)] if summary else []
+    text = [line for remark in remarks(evaluations) for line in textwrap.wrap(remark, 165)] if summary else []
     heights = {
         "errors": max(4.4, 1.25 * len(shown) + 0.9),
         "worst": 4.0,
@@ -107,7 +107,7 @@ def _mine(found: Evaluation) -> list[Row]:
 
 def _beside(found: Evaluation) -> str:
     other = found.rows[-1]
-    label = "solve_ik" if other.method == "solve_ik" else "as long"
+    label = "solve_ik" if other.method == "solve_ik" else "plain, as long"
     return f"{100 * other.errors.close:.1f} % ({label})"
 
 
@@ -215,7 +215,7 @@ def _worst(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) -> N
         axes = figure.add_subplot(1, _WORST, k + 1, projection="3d", computed_zorder=False)
         _arm(axes, robot, found.answers.q[row].double(), found.answers.T_target[row].double())
         mm, deg = float(errors.position[row] * 1e3), float(errors.rotation[row].rad2deg())
-        axes.text2D(0.02, 0.95, f"{number(mm)} mm, {number(deg)} deg off", fontsize=11, transform=axes.transAxes)
+        axes.text2D(0.02, 1.0, f"{number(mm)} mm, {number(deg)} deg off", fontsize=11, transform=axes.transAxes)
         if k == 0:
             for colour, name in zip(_AXIS_COLOURS, "xyz", strict=True):
                 axes.plot([], [], color=colour, linewidth=3, label=f"{name} asked for")
