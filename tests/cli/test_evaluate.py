@@ -58,7 +58,7 @@ def test_tables_of_every_protocol(folder: str, capsys: pytest.CaptureFixture[str
         assert f"ikgrad evaluate: panda, task {task}" in out
     assert "published, not measured here" in out
     assert "inverter + 3 steps" in out
-    assert len(re.findall(r"^ plain, as long as the inverter: \d+ steps ", out, re.M)) == 3
+    assert len(re.findall(r"^ plain, in the same time: \d+ steps ", out, re.M)) == 3
     assert "…" not in out  # no column is cut
 
 

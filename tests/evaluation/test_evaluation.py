@@ -62,7 +62,7 @@ def test_the_table_has_the_inverter_its_steps_and_the_baselines(panda: ik.Robot)
     found = evaluate(Oracle(task), task, solver_steps=1, plain_steps=(0, 2))
     names = [row.method for row in found.rows]
     assert names[:4] == ["inverter", "inverter + 1 step", "plain, 0 steps", "plain, 2 steps"]
-    assert names[4].startswith("plain, as long as the inverter: ")
+    assert names[4].startswith("plain, in the same time: ")
     assert [row.errors.exact for row in found.rows[:3]] == [1.0, 1.0, 0.0]
     assert all(row.microseconds > 0 for row in found.rows)
     assert (found.robot, found.count, found.task) == ("panda", 300, "local, 0.5 rad")

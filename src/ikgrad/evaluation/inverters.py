@@ -97,7 +97,7 @@ def side_by_side(
         for k in plain_steps:
             rows.append(row(f"plain, {in_words(k)}", lambda k=k: steps(q_current, k)))  # type: ignore[misc]
         k = _as_long(lambda count: steps(q_current, count), own * 1e-6 * len(T))
-        rows.append(row(f"plain, as long as the inverter: {in_words(k)}", lambda: steps(q_current, k)))
+        rows.append(row(f"plain, in the same time: {in_words(k)}", lambda: steps(q_current, k)))
     return tuple(rows), Answers(answers, T)
 
 

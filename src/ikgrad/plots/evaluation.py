@@ -107,7 +107,7 @@ def _mine(found: Evaluation) -> list[Row]:
 
 def _beside(found: Evaluation) -> str:
     other = found.rows[-1]
-    label = "solve_ik" if other.method == "solve_ik" else "plain, as long"
+    label = "solve_ik" if other.method == "solve_ik" else "plain, same time"
     return f"{100 * other.errors.close:.1f} % ({label})"
 
 
