@@ -157,7 +157,7 @@ def test_every_key_of_a_training_is_described(cls: type):
     assert list(describe_keys(cls)) == [field.name for field in dataclasses.fields(cls)]
 
 
-@pytest.mark.parametrize("name", ["denso_feedback", "denso_traditional"])
+@pytest.mark.parametrize("name", ["denso_closed_loop", "denso_feedback", "denso_traditional"])
 def test_built_in_trainings_are_found_by_name(name: str):
     assert load_config(TrainConfig, find_config(name)).robot == "denso_vp6242"
 

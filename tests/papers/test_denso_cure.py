@@ -236,8 +236,8 @@ def test_the_worst_error_of_a_row_is_that_of_its_loop():
 @pytest.mark.slow
 def test_the_recommended_network_keeps_to_all_paths_and_plain_scheme_b_does_not():
     """Three seeds of the ten."""
-    made, course = Trained(3, 60, 100), Course(3, 20_000)
-    plain, best = made.train(made.path(), 10), made.train(made.cube(0.002), 30, epochs=100)
+    made, course = Trained(3, 40, 80), Course(3, 20_000)
+    plain, best = made.train(made.path(), 10), made.train(made.cube(0.002), 30, epochs=80)
     assert (course.errors_mm(best).amax((0, 2)) < 0.5).all()
     assert course.errors_mm(best, corrections=1).max() < 1e-3
     assert median(course.errors_mm(plain).amax((0, 2))) > 10

@@ -134,7 +134,7 @@ class DensoConfig:
         feedback_epochs: of the feedback network there; 68 is the paper's.
         epochs: of all networks on the other schemes.
         cure_epochs: of every remedy of the closed loop.
-        final_epochs: of the network that is recommended for it; 100 and more are judged.
+        final_epochs: of the network that is recommended for it; 80 and more are judged.
         ticks: of every closed loop; 20000 and more are judged.
     """
 
@@ -142,8 +142,8 @@ class DensoConfig:
     traditional_epochs: int = 121
     feedback_epochs: int = 68
     epochs: int = 300
-    cure_epochs: int = 60
-    final_epochs: int = 100
+    cure_epochs: int = 40
+    final_epochs: int = 80
     ticks: int = 20_000
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from ikgrad.papers.denso.paths import HALF_WIDTH, LAP, PATHS
 from ikgrad.papers.record import Cells, Check, Table
 
 WANTED_MM, CORRECTED_M = 0.5, 1e-6
-FULL_EPOCHS, FULL_TICKS = 100, 20_000  # from which the claims on the cure are made
+FULL_EPOCHS, FULL_TICKS = 80, 20_000  # from which the claims on the cure are made
 
 
 def cure_tables(study: CureStudy) -> list[Table]:
@@ -28,10 +28,10 @@ def remedies(study: CureStudy) -> Table:
     title = (
         f"The closed loop cured: {seeds} seeds, five kinds of path in the cube of +-{100 * HALF_WIDTH:g} cm, "
         f"{study.ticks} ticks each, {LAP} a lap; median and range over seeds of the worst error over all paths. "
-        f"{study.epochs} epochs, {study.final_epochs} for the network marked *"
+        f"{study.epochs} epochs, {study.final_epochs} for the network marked *. Cost 1 is {1e6 * unit:.0f} us on this machine"
     )
     columns = (
-        *("remedy", "trained on", "units", "one-step MSE [rad^2]", "gain, worst seed", "worst error [mm]"),
+        *("remedy", "trained on", "units", "one-step MSE [rad^2]", "spectral radius, worst", "worst error [mm]"),
         *(f"within {WANTED_MM:g} mm", "drift [mm]", "cost a tick", "training [s]"),
     )
     return Table(title, columns, tuple(rows), left=2)
@@ -96,9 +96,9 @@ def check_cure(study: CureStudy) -> Iterator[Check]:
     )
     corrected = study.rows[study.corrected].worst_mm / 1000
     yield Check(
-        f"Loop: with one correction a tick within {CORRECTED_M:g} m",
+        f"Loop: with one correction a tick within {CORRECTED_M:g} m, {LAP} ticks a lap, every seed",
         bool((corrected < CORRECTED_M).all()),
-        f"worst errors {_spread(corrected.amax(-1))} m",
+        f"{int((corrected < CORRECTED_M).all(-1).sum())} of {seeds} seeds, worst errors {_spread(corrected.amax(-1))} m",
     )
 
 
