@@ -29,8 +29,8 @@ def data() -> list[DataSet]:
 
 
 def trained(data: list[DataSet], kind: type[ik.Inverter] = ik.Inverter, **settings: object) -> list[ik.Inverter]:
-    inverters = remedies.make(kind, len(data), 6)
-    remedies.train(inverters, data, 5, **settings)  # type: ignore[arg-type]
+    inverters = remedies.make(kind, range(len(data)), 6)
+    remedies.train(inverters, data, 12, **settings)  # type: ignore[arg-type]
     return inverters
 
 
@@ -105,7 +105,7 @@ def test_the_closed_loop_is_a_naive_loop(data: list[DataSet], kind: type[ik.Inve
 
 
 def test_a_traditional_network_answers_the_same_wherever_the_arm_stands(data: list[DataSet]):
-    nets = remedies.make(ik.Inverter, 2, 6, feedback=False)
+    nets = remedies.make(ik.Inverter, range(2), 6, feedback=False)
     remedies.train(nets, data, 3)
     T = down(torch.stack([all_paths(seed, lap=LAP) for seed in (0, 1)]))
     start = tool_down_ik(T[:, :, -1, :3, 3])
@@ -150,7 +150,7 @@ def test_tangents_are_directional_derivatives():
 def test_the_contraction_penalty_is_the_norm_of_the_jacobian(kind: type[ik.Inverter]):
     """Over 4,000 copies of one row, each with a direction of its own, the mean square is the Frobenius norm squared."""
     data = make_data([TrainingPath(count=300, noise=0.02)])
-    inverter = remedies.make(kind, 1, 6)[0].fit(*data[0].train)
+    inverter = remedies.make(kind, [0], 6)[0].fit(*data[0].train)
     stack = MLP(inverter.network.sizes, members=1)
     stack.load_state_dict({name: value[None] for name, value in inverter.network.state_dict().items()})
     T, q, q_current = (part[:1] for part in data[0].train)
@@ -166,9 +166,9 @@ def test_the_contraction_penalty_is_the_norm_of_the_jacobian(kind: type[ik.Inver
 
 def test_the_contraction_penalty_lowers_the_gain():
     data = make_data([Cube(home=HOME, count=400, half_width=0.03, nearest=0.0, farthest=0.002)])
-    free = remedies.make(ik.Inverter, 1, 8)
+    free = remedies.make(ik.Inverter, [0], 8)
     remedies.train(free, data, 15)
-    held = remedies.make(ik.Inverter, 1, 8)
+    held = remedies.make(ik.Inverter, [0], 8)
     remedies.train(held, data, 15, loss=remedies.contraction(0.02))
     T, _, q_current = data[0].test
     before, after = (gains(nets, T[None], q_current[None]).max() for nets in (free, held))
@@ -201,7 +201,7 @@ def test_rollouts_replace_half_of_the_present_joints_by_where_the_network_led(
 @pytest.fixture(scope="module")
 def study() -> tuple[CureStudy, int]:
     calls: list[int] = []
-    return cure(2, 2, 2, 50, count=calls.append), sum(calls)
+    return cure(range(2), 2, 2, 50, count=calls.append), sum(calls)
 
 
 def test_a_small_study_has_every_remedy_and_counts_its_epochs(study: tuple[CureStudy, int]):
@@ -220,8 +220,8 @@ def test_a_small_study_has_every_remedy_and_counts_its_epochs(study: tuple[CureS
 
 
 def test_the_worst_error_of_a_row_is_that_of_its_loop():
-    course = Course(1, 30, LAP)
-    nets = remedies.make(ik.Inverter, 1, 5)
+    course = Course([0], 30, LAP)
+    nets = remedies.make(ik.Inverter, [0], 5)
     remedies.train(nets, make_data([TrainingPath(count=200)]), 3)
     errors = course.errors_mm(nets)
     with torch.no_grad():
@@ -236,7 +236,7 @@ def test_the_worst_error_of_a_row_is_that_of_its_loop():
 @pytest.mark.slow
 def test_the_recommended_network_keeps_to_all_paths_and_plain_scheme_b_does_not():
     """Three seeds of the ten."""
-    made, course = Trained(3, 40, 80), Course(3, 20_000)
+    made, course = Trained(range(3), 40, 80), Course(range(3), 20_000)
     plain, best = made.train(made.path(), 10), made.train(made.cube(0.002), 30, epochs=80)
     assert (course.errors_mm(best).amax((0, 2)) < 0.5).all()
     assert course.errors_mm(best, corrections=1).max() < 1e-3

@@ -136,6 +136,7 @@ class DensoConfig:
         cure_epochs: of every remedy of the closed loop.
         final_epochs: of the network that is recommended for it; 80 and more are judged.
         ticks: of every closed loop; 20000 and more are judged.
+        cure_seed: the first seed of the remedies and their paths; another one repeats them with fresh seeds.
     """
 
     seeds: int = 10
@@ -145,10 +146,13 @@ class DensoConfig:
     cure_epochs: int = 40
     final_epochs: int = 80
     ticks: int = 20_000
+    cure_seed: int = 0
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
-            require(value > 0, key, "must be positive", value)
+            if key != "cure_seed":
+                require(value > 0, key, "must be positive", value)
+        require(self.cure_seed >= 0, "cure_seed", "must not be negative", self.cure_seed)
 
 
 @dataclasses.dataclass(frozen=True)

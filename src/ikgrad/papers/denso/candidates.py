@@ -43,7 +43,7 @@ class Trained:
     """How all candidates are trained, and how long the last one took.
 
     Args:
-        seeds: S, networks of each.
+        seeds: S of them, of data and first weights.
         epochs: of every remedy.
         final_epochs: of the recommended network.
         count: called with S after every epoch.
@@ -55,7 +55,7 @@ class Trained:
 
     def __init__(
         self,
-        seeds: int,
+        seeds: Sequence[int],
         epochs: int,
         final_epochs: int,
         *,
@@ -68,7 +68,7 @@ class Trained:
 
     def sets(self, scheme: Callable[[int], Scheme]) -> list[DataSet]:
         """One data set a seed."""
-        return make_data([scheme(seed) for seed in range(self.seeds)])
+        return make_data([scheme(seed) for seed in self.seeds])
 
     def path(self, noise_deg: float = 0.0) -> list[DataSet]:
         """The training path."""

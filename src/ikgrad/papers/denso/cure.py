@@ -112,14 +112,14 @@ class Course:
     """The paths of S seeds, and the closed loop along them.
 
     Args:
-        seeds: S.
+        seeds: S of them.
         ticks: of a closed loop.
         lap: points of a lap.
     """
 
-    def __init__(self, seeds: int, ticks: int, lap: int = LAP):
+    def __init__(self, seeds: Sequence[int], ticks: int, lap: int = LAP):
         self.ticks = ticks
-        self.points = torch.stack([all_paths(seed, lap=lap) for seed in range(seeds)])  # (S, 5, L, 3)
+        self.points = torch.stack([all_paths(seed, lap=lap) for seed in seeds])  # (S, 5, L, 3)
         self.T, self.q = down(self.points), tool_down_ik(self.points)
 
     def errors_mm(self, inverters: Sequence[Inverter], *, corrections: int = 0) -> Tensor:
@@ -171,7 +171,7 @@ class Course:
 
 
 def cure(
-    seeds: int,
+    seeds: Sequence[int],
     epochs: int,
     final_epochs: int,
     ticks: int,
@@ -182,7 +182,7 @@ def cure(
     """Train all remedies and close the loop.
 
     Args:
-        seeds: networks of each.
+        seeds: of data, first weights and paths; a network of each remedy for every one.
         epochs: of every remedy.
         final_epochs: of the recommended network.
         ticks: of every closed loop.
@@ -214,7 +214,7 @@ def cure(
     )
 
 
-def _speeds(seeds: int, ticks: int, best: Sequence[Inverter]) -> tuple[SpeedRow, ...]:
+def _speeds(seeds: Sequence[int], ticks: int, best: Sequence[Inverter]) -> tuple[SpeedRow, ...]:
     rows = (("network alone", best, 0), ("one damped step alone", (), 1), ("network and one damped step", best, 1))
     courses = [Course(seeds, min(ticks, 2 * lap), lap) for lap in SPEEDS]
     return tuple(

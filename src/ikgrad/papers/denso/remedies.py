@@ -68,7 +68,7 @@ def train(
         "inverter": type(inverters[0]).__name__,
         "sizes": list(inverters[0].network.sizes),
         "epochs": epochs,
-        "members": len(data),
+        "seeds": [each.recipe["seed"] for each in data],
         "data": data_digest(data),
     }
     each = None if count is None else lambda done: count(done * len(data))
@@ -218,9 +218,9 @@ def _present(inverters: Sequence[Inverter]) -> Callable[[Tensor], Tensor]:
     return lambda x: low + span / 2 * (x[..., -n:] + 1)
 
 
-def make(kind: type[Inverter], seeds: int, hidden: int, *, feedback: bool = True) -> list[Inverter]:
+def make(kind: type[Inverter], seeds: Sequence[int], hidden: int, *, feedback: bool = True) -> list[Inverter]:
     """Inverters of the arm with one hidden layer, first weights by seed."""
-    return [kind(denso(), feedback=feedback, hidden=(hidden,), seed=seed) for seed in range(seeds)]
+    return [kind(denso(), feedback=feedback, hidden=(hidden,), seed=seed) for seed in seeds]
 
 
 __all__ = [

@@ -102,7 +102,7 @@ def run_study(
         pairs = schemes.schemes_c_and_d(config.epochs, count=counter.of("schemes C and D"), checkpoints=checkpoints)
         track = schemes.track(config.seeds, config.epochs, count=counter.of("helix"), checkpoints=checkpoints)
         loop = cure(
-            config.seeds,
+            range(config.cure_seed, config.cure_seed + config.seeds),
             config.cure_epochs,
             config.final_epochs,
             config.ticks,
