@@ -28,7 +28,6 @@ from ikgrad.collision import PolynomialMotion, Spheres, check_motion
 
 TOLERANCE = 1e-5  # of the check [m]
 SPEED, PUSH = 2.0, 8.0  # limits of all joints [rad/s], [rad/s^2]
-PICTURED, RANK, VIEW = 1, 0, (24.0, -35.0)  # seed, how deep the straight line goes (0 is deepest), camera [deg]
 
 
 class Scene(NamedTuple):
@@ -69,7 +68,6 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=1000)
     parser.add_argument("--seeds", type=int, nargs="+", default=[10, 11, 12])
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--restarts", type=int, default=8)
     parser.add_argument("--roadmap", action="store_true")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
     options = parser.parse_args()
@@ -79,9 +77,11 @@ def main() -> None:
     thick, margin = 1e3 * THICKNESS * robot.length, 1e3 * MARGIN * robot.length
     print(f"{robot.name}: {options.pairs} pairs a seed, 8 free vias, {SPEED:g} rad/s, {PUSH:g} rad/s^2")
     print(f"3 spheres, links of radius {thick:.0f} mm, margin {margin:.0f} mm")
-    optimise(make_scene(robot, 99, 20), options.restarts)  # compiles and warms up
+    optimise(make_scene(robot, 99, 20))  # compiles and warms up
     for seed in options.seeds:
         report(make_scene(robot, seed, options.pairs), seed, options)
+    if options.pictures:
+        draw(options.pictures)
 
 
 def make_scene(robot: ik.Robot, seed: int, count: int) -> Scene:
@@ -92,7 +92,7 @@ def make_scene(robot: ik.Robot, seed: int, count: int) -> Scene:
     return Scene(robot, obstacles, q[:count], q[count : 2 * count])
 
 
-def optimise(scene: Scene, restarts: int) -> ik.OptimizedTrajectory:
+def optimise(scene: Scene) -> ik.OptimizedTrajectory:
     """The call that is measured."""
     return ik.optimize_trajectory(
         scene.robot,
@@ -103,14 +103,13 @@ def optimise(scene: Scene, restarts: int) -> ik.OptimizedTrajectory:
         link_radius=scene.thick,
         velocity_max=SPEED,
         acceleration_max=PUSH,
-        restarts=restarts,
     )
 
 
 def report(scene: Scene, seed: int, options: argparse.Namespace) -> None:
     """One seed's rows."""
     begin = time.perf_counter()
-    found = optimise(scene, options.restarts)
+    found = optimise(scene)
     spent = time.perf_counter() - begin
     line = straight(scene)
     before, after = judge(scene, line), judge(scene, found.trajectory)
@@ -146,8 +145,6 @@ def report(scene: Scene, seed: int, options: argparse.Namespace) -> None:
         known = (solved | joined) & ~before.free
         share = 100 * solved[known].double().mean()
         print(f"    known to have a way though the straight line touches: {int(known.sum())}, ours {share:.1f} %")
-    if options.pictures and seed == PICTURED:
-        draw(scene, line, found, before, options.pictures)
 
 
 def straight(scene: Scene) -> ik.Trajectory:
@@ -221,20 +218,20 @@ def roadmap(scene: Scene, rows: Tensor, nodes: int = 30_000, neighbours: int = 2
     return torch.from_numpy(label[: len(rows)] == label[len(rows) : 2 * len(rows)])
 
 
-def draw(scene: Scene, line: ik.Trajectory, found: ik.OptimizedTrajectory, before: Verdict, folder: Path) -> None:
-    """The solved pair whose straight motion goes deepest into an obstacle, before and after."""
-    row = int(torch.where(found.success, before.clearance, torch.inf).argsort()[RANK])
-    motions = {
-        f"straight line: {1e3 * before.clearance[row]:.0f} mm": one(line, row),
-        f"optimised: {1e3 * found.clearance[row]:+.0f} mm": one(found.trajectory, row),
-    }
-    figure = plots.arm_motion(scene.robot, motions, scene.obstacles, link_radius=scene.thick, view=VIEW)
-    print(f"  row {row}:", plots.save_figure(figure, folder / f"planning_{scene.robot.name}.png", dpi=90))
-
-
-def one(path: ik.Trajectory, row: int) -> ik.Trajectory:
-    """A single trajectory of a batch."""
-    return ik.Trajectory(path.times[row], path.coefficients[row])
+def draw(folder: Path) -> None:
+    """One motion of `panda` between three spheres, before and after."""
+    robot = ik.load_robot("panda")
+    obstacles = Spheres(
+        torch.tensor([[0.55, 0.0, 0.5], [0.15, 0.55, 0.35], [0.3, -0.12, 0.9]]), torch.tensor([0.12, 0.1, 0.1])
+    )
+    a, b = (torch.tensor([turn, 0.3, 0.0, -1.8, 0.0, 2.1, 0.8], dtype=torch.float64) for turn in (-0.8, 0.8))
+    found = optimise(Scene(robot, obstacles, a, b)).raise_if_failed()
+    line = ik.via_point_trajectory(torch.stack([a, b]), [0.0, 1.0], kind="quintic")
+    line = line.scaled(line.stretch_to(velocity_max=SPEED, acceleration_max=PUSH))
+    motions = {"before: straight line": line, "after: optimised": found.trajectory}
+    thick, margin = THICKNESS * robot.length, MARGIN * robot.length
+    figure = plots.arm_motion(robot, motions, obstacles, link_radius=thick, poses=5, view=(25, -35), margin=margin)
+    print("\n" + str(plots.save_figure(figure, folder / "planning_panda.png", dpi=100)))
 
 
 if __name__ == "__main__":

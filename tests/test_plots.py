@@ -17,7 +17,7 @@ from PIL import Image
 
 import ikgrad as ik
 from ikgrad import plots
-from ikgrad.collision import Capsules, Spheres
+from ikgrad.collision import Capsules, Spheres, link_segments
 from ikgrad.errors import ConfigError, DataError
 from ikgrad.evaluation import Evaluation, Local, TracIK
 from ikgrad.evaluation import Path as SmoothPath
@@ -50,6 +50,12 @@ def motions() -> dict[str, ik.Trajectory]:
 def among_obstacles() -> object:
     ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
     return plots.arm_motion(ik.load_robot("panda"), {**motions(), "again": motions()["line"]}, ball, poses=4)
+
+
+def with_clearance() -> object:
+    ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
+    both = {**motions(), "again": motions()["line"]}
+    return plots.arm_motion(ik.load_robot("panda"), both, ball, poses=2, margin=0.02)
 
 
 def among_poles() -> object:
@@ -110,6 +116,7 @@ FIGURES = {
     "traces_of_one": lambda: plots.traces({"a": LINKS[:, 0, 0]}, panels=["x [m]", "y [m]", "z [m]"], xlabel="time [s]"),
     "arm_motion": among_obstacles,
     "arm_motion_poles": among_poles,
+    "arm_motion_chart": with_clearance,
 }
 
 
@@ -240,6 +247,20 @@ def test_links_that_touch_are_red_and_others_are_not():
 
     assert red(0.5) > 0.002
     assert red(1.2) < 1e-4
+
+
+def test_the_chart_tells_the_distance_to_the_nearest_obstacle():
+    *_, chart = with_clearance().axes
+    first, again, margin = chart.lines
+    robot, line = ik.load_robot("panda"), motions()["line"]
+    q = line.position(torch.linspace(0, 1, 400).to(line.times))
+    links = link_segments(robot, q.double())
+    ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
+    gap = ball.distance(links, 0.03).amin(dim=(-2, -1))
+    np.testing.assert_allclose(first.get_ydata(), 1e3 * gap.numpy(), atol=1e-2)  # [mm]; times are float32
+    np.testing.assert_allclose(first.get_xdata()[[0, -1]], [0.0, 1.0])
+    assert list(margin.get_ydata()) == [20.0, 20.0]
+    assert first.get_color() != again.get_color()
 
 
 def test_a_film_moves(tmp_path: Path):

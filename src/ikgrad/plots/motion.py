@@ -23,7 +23,8 @@ from ikgrad.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_ARM, _TOUCHING, _OBSTACLE = (0.95, 0.45, 0.10), (0.85, 0.08, 0.10), (0.35, 0.50, 0.65)
+_ARMS = ((0.95, 0.55, 0.15), (0.10, 0.45, 0.80), (0.20, 0.60, 0.35))  # one motion after the other
+_TOUCHING, _OBSTACLE = (0.85, 0.08, 0.10), (0.45, 0.48, 0.52)
 _GHOST, _CLOUD = 0.35, 0.55  # opacity
 
 
@@ -45,11 +46,13 @@ def arm_motion(
     link_radius: float = 0.03,
     poses: int = 7,
     view: tuple[float, float] = (22.0, -60.0),
+    margin: float | None = None,
 ) -> Figure:
     """An arm at even times of its way among obstacles, one panel a motion; links that touch one are red.
 
     Links are drawn as the capsules that `ikgrad.collision` checks. Start and end are solid, what lies between is
-    translucent, and the line is the tool's way.
+    translucent, and the line is the tool's way. With a margin, a chart below tells how far the arm is from the nearest
+    obstacle over time.
 
     Args:
         robot: the robot, n joint variables.
@@ -58,17 +61,22 @@ def arm_motion(
         link_radius: of the capsules [m].
         poses: how many poses of the arm, both ends included.
         view: elevation and azimuth of the camera [deg].
+        margin: that the arm should keep [m]; without it there is no chart.
     """
     scene = _scene(robot, list(motions.values()), obstacles, link_radius)
     with styled():
-        figure = new_figure((4.6 * max(len(motions), 2), 4.6))
+        figure = new_figure((4.6 * max(len(motions), 2), 4.6 if margin is None else 6.6))
+        _leave_room_at_the_right(figure)
+        heights = [2.4] if margin is None else [2.4, 1.0]
+        grid = figure.add_gridspec(len(heights), len(motions), height_ratios=heights)
         for k, (name, motion) in enumerate(motions.items()):
-            axes = figure.add_subplot(1, len(motions), k + 1, projection="3d", computed_zorder=False)
-            q = _evenly(motion, poses)
+            axes = figure.add_subplot(grid[0, k], projection="3d", computed_zorder=False)
             opacity = [1.0, *[_GHOST] * (poses - 2), 1.0]
-            _draw(axes, scene, q, opacity, _tool(robot, _evenly(motion, 200)))
+            _draw(axes, scene, _evenly(motion, poses), opacity, _tool(robot, _evenly(motion, 200)), _arm_colour(k))
             axes.set_title(name)
             axes.view_init(*view)
+        if margin is not None:
+            _chart(figure.add_subplot(grid[1, :]), scene, motions, margin)
     return figure
 
 
@@ -115,9 +123,10 @@ def save_motion(
     with styled():
         for frame in range(frames):
             figure = new_figure((4.6 * max(len(motions), 2), 4.6))
+            _leave_room_at_the_right(figure)
             for k, (name, q) in enumerate(zip(motions, every, strict=True)):
                 axes = figure.add_subplot(1, len(motions), k + 1, projection="3d", computed_zorder=False)
-                _draw(axes, scene, q[frame : frame + 1], [1.0], _tool(robot, q[: frame + 1]))
+                _draw(axes, scene, q[frame : frame + 1], [1.0], _tool(robot, q[: frame + 1]), _arm_colour(k))
                 axes.set_title(name)
                 axes.view_init(*view)
             buffer = io.BytesIO()
@@ -171,7 +180,38 @@ def _centres(obstacles: Spheres | Capsules) -> np.ndarray:
     return obstacles.ends.double().cpu().numpy()
 
 
-def _draw(axes: Any, scene: _Scene, q: Tensor, opacity: Sequence[float], tool: np.ndarray) -> None:
+def _leave_room_at_the_right(figure: Figure) -> None:
+    """The layout does not know how far the label of a z axis reaches."""
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    engine = figure.get_layout_engine()
+    assert isinstance(engine, ConstrainedLayoutEngine)
+    engine.set(rect=(0.0, 0.0, 0.97, 1.0))
+
+
+def _arm_colour(k: int) -> tuple[float, ...]:
+    return _ARMS[k % len(_ARMS)]
+
+
+def _chart(axes: Any, scene: _Scene, motions: Mapping[str, Trajectory], margin: float) -> None:
+    """The smallest distance between links and obstacles over time, one line a motion."""
+    for k, (name, motion) in enumerate(motions.items()):
+        segments = link_segments(scene.robot, _evenly(motion, 400))
+        gap = 1e3 * scene.obstacles.distance(segments, scene.link_radius).amin(dim=(-2, -1)).numpy()
+        axes.plot(np.linspace(0, float(motion.duration), len(gap)), gap, color=_arm_colour(k), label=name)
+    axes.margins(x=0.01)
+    low, high = axes.get_ylim()
+    low = min(low, -0.15 * high)
+    axes.set_ylim(low, high)
+    axes.axhspan(low, 0.0, color=_TOUCHING, alpha=0.08, linewidth=0)
+    axes.axhline(1e3 * margin, color=INK, linewidth=1.2, linestyle="--", label=f"margin {1e3 * margin:.0f} mm")
+    axes.set(xlabel="time [s]", ylabel="clearance [mm]")
+    axes.legend(loc="lower left")
+
+
+def _draw(
+    axes: Any, scene: _Scene, q: Tensor, opacity: Sequence[float], tool: np.ndarray, arm: tuple[float, ...]
+) -> None:
     """Arms, obstacles, shadows and the tool's way."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -181,7 +221,7 @@ def _draw(axes: Any, scene: _Scene, q: Tensor, opacity: Sequence[float], tool: n
     for links, hits, alpha in zip(segments.numpy(), touching, opacity, strict=True):
         for ends, hit in zip(links, hits, strict=True):
             meshes.append(_capsule(ends, scene.link_radius))
-            colours.append((*(_TOUCHING if hit else _ARM), max(alpha, 0.6) if hit else alpha))
+            colours.append((*(_TOUCHING if hit else arm), max(alpha, 0.6) if hit else alpha))
     solid = len(meshes)
     for ends, radius in zip(_centres(scene.obstacles), scene.obstacles.radii.tolist(), strict=True):
         meshes.append(_capsule(ends, radius))
@@ -215,7 +255,8 @@ def _box(axes: Any, scene: _Scene) -> None:
 
     low, high = scene.low, scene.high
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.18)
+    axes.set_box_aspect(high - low, zoom=1.04)
+    axes.patch.set_visible(False)  # else a panel hides the label of its neighbour's z axis
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MaxNLocator(4))
