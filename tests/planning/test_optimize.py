@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -318,6 +320,19 @@ def test_the_curvature_is_that_of_the_linearised_residuals():
     torch.testing.assert_close(model.curvature[0, :12, :12], J.mT @ J / 11, rtol=1e-9, atol=1e-12)
 
 
+def test_the_page_of_documentation_runs_and_says_what_is_true():
+    page = Path(__file__).parents[2] / "docs" / "planning.md"
+    scope: dict[str, Any] = {}
+    exec("\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)), scope)
+    found = scope["found"]
+    assert bool(found.success)
+    assert float(found.clearance) == pytest.approx(0.0296, abs=2e-4)
+    assert float(found.trajectory.duration) == pytest.approx(1.50, abs=0.01)
+    line = ik.via_point_trajectory(torch.stack([scope["start"], scope["goal"]]), [0.0, 1.0], kind="quintic")
+    links = link_segments(scope["robot"], line.position(torch.linspace(0, 1, 1000).double()))
+    assert float(scope["balls"].distance(links, 0.06).min()) == pytest.approx(-0.17, abs=0.005)
+
+
 REFUSALS = [
     ({"margin": -0.1}, "margin must be a finite number that is not negative, got -0.1"),
     ({"link_radius": math.nan}, "link_radius must be a finite number that is not negative, got nan"),
@@ -325,6 +340,9 @@ REFUSALS = [
     ({"vias": 0}, "vias must be at least 1, got 0"),
     ({"max_steps": 0}, "max_steps must be at least 1, got 0"),
     ({"restarts": -1}, "restarts must be at least 0, got -1"),
+    ({"margin": math.nan}, "margin must be a finite number that is not negative, got nan"),
+    ({"duration": math.nan}, "duration must be a positive finite number, got nan"),
+    ({"acceleration_max": math.nan}, "acceleration_max must be positive, got nan"),
     ({"velocity_max": [1.0] * 6 + [0.0]}, r"velocity_max\[6\] must be positive, got 0"),
 ]
 
@@ -362,6 +380,32 @@ def test_bad_ends_are_refused_by_entry():
         ik.ShapeError, match=r"must have one dtype and device, got torch\.float64 on cpu and torch\.float32"
     ):
         solve(robot, a, b.float())
+
+
+@pytest.mark.parametrize(
+    ("radii", "text"),
+    [
+        ([0.1, 0.0], r"radii must be positive, but radii\[1\] is 0"),
+        ([-0.1, 0.1], r"radii must be positive, but radii\[0\] is -0\.1"),
+        ([0.1, math.nan], r"radii must be finite, but radii\[1\] is nan"),
+    ],
+)
+@pytest.mark.parametrize(("kind", "shape"), [(Spheres, (2, 3)), (Capsules, (2, 2, 3))])
+def test_obstacles_without_a_radius_are_refused_before_planning(
+    kind: type[Spheres] | type[Capsules], shape: tuple[int, ...], radii: list[float], text: str
+):
+    with pytest.raises(ik.ConfigError, match=text):
+        kind(torch.rand(shape), torch.tensor(radii))
+
+
+def test_times_outside_what_was_planned_are_refused():
+    robot = ik.load_robot("panda")
+    a, b = pairs(robot, 2)
+    found = solve(robot, a, b, duration=2.0, restarts=0)
+    with pytest.raises(ik.ConfigError, match=r"t = 2\.5 lies outside the trajectory, 0 to 2 s"):
+        found.trajectory.position(2.5)
+    with pytest.raises(ik.ConfigError, match=r"t = nan lies outside the trajectory"):
+        found.trajectory.position(math.nan)
 
 
 def test_obstacles_of_another_form_are_refused():
