@@ -108,6 +108,16 @@ def test_refined_steps_are_the_solvers(name):
     assert (judge.steps[after.norm(dim=1) < 1e-4] <= 3).double().mean() > 0.95
 
 
+def test_errors_are_those_of_the_rounded_joints():
+    robot = ik.load_robot("panda")
+    _, T, beside = near(robot, 50)
+    q, position, _ = Refined(Copy(robot, torch.float32), steps=8)(T.float(), beside.float())
+    missing = (ik.forward_kinematics(robot, q.double())[:, :3, 3] - T.float().double()[:, :3, 3]).norm(dim=-1)
+    assert q.dtype == position.dtype == torch.float32
+    assert missing.median() > 1e-9, "rounding to float32 must be seen"
+    torch.testing.assert_close(position.double(), missing, rtol=0.05, atol=1e-10)
+
+
 def test_half_a_turn_is_measured_as_such():
     robot = ik.load_robot("ur5e")
     q, T, _ = near(robot, 40)

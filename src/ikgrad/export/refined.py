@@ -53,9 +53,12 @@ class Refined(nn.Module):
         """
         q = self.inverter(T) if q_current is None else self.inverter(T, q_current)
         at = damped_steps(self.robot, T.double(), q.double(), steps=self.steps, damping=DAMPING)
+        answer = at.q.to(T.dtype)
+        if answer.dtype != at.q.dtype:  # the errors are those of the rounded joints, which are handed out
+            at = damped_steps(self.robot, T.double(), answer.double())
         squares = at.error.square().unflatten(-1, (2, 3)).sum(dim=-1)
         position, rotation = squares.sqrt().unbind(dim=-1)
-        return at.q.to(T.dtype), (position * self.length).to(T.dtype), rotation.to(T.dtype)
+        return answer, (position * self.length).to(T.dtype), rotation.to(T.dtype)
 
 
 __all__ = ["Refined"]

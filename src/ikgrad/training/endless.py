@@ -23,7 +23,7 @@ _WARM_UP = 0.02  # of the budget
 _CHECKED_ROWS = 4000
 # Rows whose gradient is taken at once on the CPU. Two processes take the pieces that one would take, and the sum is in
 # float64, so that they learn the same to the last bit. Without that Muon, whose products are in bfloat16, makes 5e-4 of
-# a rounding error within 50 steps. Costs a tenth of a step.
+# a rounding error within 50 steps. Costs a seventh of a step.
 _PIECE = 512
 _LONGEST_PAUSE = 20.0  # seconds between checks at most, with a budget of time: a curve on the terminal shall live
 LOSSES = {IncrementInverter: PoseLoss(shape="root", delta=0.02), UnrolledInverter: PoseLoss(shape="log", delta=0.001)}
