@@ -25,6 +25,7 @@ from torch import Tensor
 import ikgrad as ik
 from ikgrad.data import TaskStream
 from ikgrad.evaluation import measure
+from ikgrad.evaluation.table import number
 from ikgrad.networks import IncrementInverter, UnrolledInverter
 from ikgrad.solvers.damped import damped_steps
 from ikgrad.training import EndlessTraining, PoseLoss
@@ -118,15 +119,15 @@ def _table(name: str, found: Mapping[str, Any], options: argparse.Namespace) -> 
     """Markdown: medians over the seeds."""
     lines = [
         f"{name}, {options.minutes:g} min a network, one thread, {options.rows:,} rows, {len(options.seeds)} seed(s);",
-        "median / 95th percentile of the answer [mm] and [deg], then the share within 1 mm and 0.01 rad after steps",
+        "median / 95th percentile of the answer, the share within 1 mm and 0.01 rad, so many steps later",
         "",
-        "| stage | position [mm] | rotation [deg] | " + " | ".join(f"{count} steps" for count in STEPS) + " |",
+        "| stage | position [mm] | rotation [deg] | " + " | ".join(f"+ {count}" for count in STEPS) + " |",
         "|" + "---|" * (3 + len(STEPS)),
     ]
     for title in (*STAGES, *PLAIN):
         runs = _runs(name, title, found, options)
         mm, deg = (
-            " / ".join(f"{median(run[0][key][k] for run in runs):.2g}" for k in (0, 1))
+            " / ".join(number(median(run[0][key][k] for run in runs)) for k in (0, 1))
             for key in ("position_mm", "rotation_deg")
         )
         shares = [f"{100 * median(run[k]['close'] for run in runs):.2f} %" for k in range(len(STEPS))]
