@@ -15,7 +15,7 @@ from ikgrad.papers.denso.arm import HOME, denso, tool_down_ik
 from ikgrad.papers.denso.candidates import Trained, work
 from ikgrad.papers.denso.cure import Course, CureStudy, cure
 from ikgrad.papers.denso.loop import closed_loop, gains, position
-from ikgrad.papers.denso.networks import make_data, median
+from ikgrad.papers.denso.networks import make_data
 from ikgrad.papers.denso.paths import CENTRE, HALF_WIDTH, PATHS, TrainingPath, all_paths, down, path_points
 from ikgrad.training.losses import joint
 
@@ -240,4 +240,4 @@ def test_the_recommended_network_keeps_to_all_paths_and_plain_scheme_b_does_not(
     plain, best = made.train(made.path(), 10), made.train(made.cube(0.002), 30, epochs=80)
     assert (course.errors_mm(best).amax((0, 2)) < 0.5).all()
     assert course.errors_mm(best, corrections=1).max() < 1e-3
-    assert median(course.errors_mm(plain).amax((0, 2))) > 10
+    assert (course.errors_mm(plain).amax((0, 2)) > 0.5).all()
