@@ -238,3 +238,9 @@ def test_wrong_settings_of_a_stream_are_refused(source, options, message):
         source = {"robot": "panda", **source}
     with pytest.raises(ConfigError, match=message):
         train_config(source, options)
+
+
+@pytest.mark.parametrize("name", ["denso_closed_loop", "denso_feedback", "denso_traditional", "inverter"])
+def test_shipped_settings_of_a_training_can_be_used(name: str):
+    options = {} if name.startswith("denso") else {"robot": "panda"}
+    assert train_config(builtin_file("configs", name), options).robot in ("denso_vp6242", "panda")
