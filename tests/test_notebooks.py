@@ -33,7 +33,7 @@ def pictures(notebook: nbformat.NotebookNode) -> int:
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_run_and_show_what_is_committed(path: Path, script: ModuleType, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("MINUTES", "0.1")  # of training, where a notebook leaves that open
+    monkeypatch.setenv("MINUTES", "0.02")  # of training, where a notebook leaves that open
     fresh, committed = script.execute(path), nbformat.read(path, as_version=4)
     assert pictures(fresh) == pictures(committed) > 0
     for new, old in zip(code_cells(fresh), code_cells(committed), strict=True):

@@ -74,7 +74,7 @@ def test_json_is_one_document(folder: str, capsys: pytest.CaptureFixture[str]):
 
 
 def test_every_family_is_served(capsys: pytest.CaptureFixture[str]):
-    train = ["train", "--robot", "denso_vp6242", "--hidden", "[5]", "--epochs", "2"]
+    train = ["train", "--robot", "denso_vp6242", "--model", "classic", "--hidden", "[5]", "--epochs", "2"]
     train += ["--data", "{scheme: joint_box, count: 60, half_width: 0.3}"]
     assert main([*train, "--out", "plain"]) == 0
     assert main([*train, "--feedback", "true", "--out", "feedback"]) == 0
@@ -90,6 +90,17 @@ def test_every_family_is_served(capsys: pytest.CaptureFixture[str]):
         assert found["family"] == family
         assert [e["protocol"] for e in found["evaluations"]] == ["ikflow", "tracik", "path"]
         assert found["evaluations"][0]["count"] == (40 if name == "plain" else 2000)
+
+
+def test_the_best_of_several_starts_is_better(folder: str, capsys: pytest.CaptureFixture[str]):
+    one, eight = (document(capsys, folder, "--protocols", "global", "--starts", k) for k in ("1", "8"))
+    assert eight["family"] == "best of 8 unrolled"
+    medians = [found["evaluations"][0]["rows"][0]["errors"]["rotation_deg"][0] for found in (one, eight)]
+    assert medians[0] > 1.2 * medians[1]
+    robot = ik.load_robot("denso_vp6242")
+    q = ik.sample_configurations(robot, 30, seed=0)
+    ik.Inverter(robot).fit(ik.forward_kinematics(robot, q), q).save("classic")
+    assert "--starts is for the families increment and unrolled" in mistake(capsys, "classic", *FEW, "--starts", "2")
 
 
 def test_a_urdf_of_ones_own(zoo_path: Path, capsys: pytest.CaptureFixture[str]):
