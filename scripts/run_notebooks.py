@@ -17,7 +17,7 @@ def execute(path: Path) -> nbformat.NotebookNode:
     """Run all cells in a fresh kernel, in the notebook's folder; machine and time of the run are not kept."""
     notebook = nbformat.read(path, as_version=4)
     resources = {"metadata": {"path": str(path.parent)}}
-    client = NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources, record_timing=False)
+    client = NotebookClient(notebook, timeout=900, kernel_name="python3", resources=resources, record_timing=False)
     client.execute()
     notebook.metadata = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
     for cell in notebook.cells:
