@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -318,19 +316,6 @@ def test_the_curvature_is_that_of_the_linearised_residuals():
     J = jacrev(residuals)(vias[0]).flatten(1)
     model = problem.model(vias)
     torch.testing.assert_close(model.curvature[0, :12, :12], J.mT @ J / 11, rtol=1e-9, atol=1e-12)
-
-
-def test_the_page_of_documentation_runs_and_says_what_is_true():
-    page = Path(__file__).parents[2] / "docs" / "planning.md"
-    scope: dict[str, Any] = {}
-    exec("\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)), scope)
-    found = scope["found"]
-    assert bool(found.success)
-    assert float(found.clearance) == pytest.approx(0.0296, abs=2e-4)
-    assert float(found.trajectory.duration) == pytest.approx(1.50, abs=0.01)
-    line = ik.via_point_trajectory(torch.stack([scope["start"], scope["goal"]]), [0.0, 1.0], kind="quintic")
-    links = link_segments(scope["robot"], line.position(torch.linspace(0, 1, 1000).double()))
-    assert float(scope["balls"].distance(links, 0.06).min()) == pytest.approx(-0.17, abs=0.005)
 
 
 REFUSALS = [

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -245,20 +243,6 @@ def test_the_scaling_is_differentiable():
     points = random_points(3, 4, 2).requires_grad_()
     limits: dict[str, Any] = {"velocity_max": 0.5, "acceleration_max": 0.4}
     assert gradcheck(lambda p: ik.via_point_trajectory(p, times).scaled_to(**limits).duration, (points,))
-
-
-def test_the_page_of_documentation_runs_and_says_what_is_true():
-    page = Path(__file__).parents[2] / "docs" / "trajectories.md"
-    scope: dict[str, Any] = {}
-    exec("\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)), scope)
-    assert scope["hand"].flatten().tolist() == pytest.approx(
-        [15.584, 2.748, 21.081, -0.866, -0.500, 21.428, 17.241, 9.954, 18.675], abs=6e-4
-    )
-    assert scope["highest"].rad2deg().max().item() == pytest.approx(68, abs=0.5)
-    assert scope["slow"].duration.item() == pytest.approx(24.8, abs=0.05)
-    assert scope["slow"].peak().max().item() == pytest.approx(0.2, rel=1e-12)
-    assert scope["vias"].flatten().tolist() == pytest.approx([0.10, 0.50, 0.90], abs=0.006)
-    assert scope["residual"].item() < 1e-9
 
 
 @pytest.mark.parametrize(

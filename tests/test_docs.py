@@ -1,0 +1,284 @@
+"""The documentation is true: its code runs, its commands are real, its links, paths and names lead somewhere."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import re
+import shlex
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+import ikgrad as ik
+from ikgrad.cli import train
+from ikgrad.cli.main import build_parser, main
+from ikgrad.collision import link_segments
+from ikgrad.export.files import SUFFIXES
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+# What takes minutes where a reader has them: the page's text, and what the test runs in its place.
+SHORTER = {"minutes=15": "steps=5"}
+
+# Commands that are run, not only parsed; the others take longer than a test should.
+QUICK = re.compile(r"(robots|sample|fk|solve|doctor|completion)\b|train --config \S+ --hidden")
+FOLDERS = r"(?<![\w./-])((?:scripts|tests|docs|notebooks|configs|urdf|src)/[\w./*-]*\w)"
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def prose(path: Path) -> str:
+    """The Markdown of a page or of a notebook's cells."""
+    if path.suffix == ".md":
+        return path.read_text()
+    cells = json.loads(path.read_text())["cells"]
+    return "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+
+
+def blocks(path: Path, *kinds: str) -> list[str]:
+    return [code for kind, code in FENCE.findall(path.read_text()) if kind in kinds]
+
+
+def given_files(folder: Path) -> None:
+    """What the pages call a file of the reader's own."""
+    (folder / "arm.urdf").write_text((ROOT / "urdf/ur5e.urdf").read_text())
+    (folder / "configs").symlink_to(ROOT / "configs")
+
+
+def small_inverter() -> ik.Inverter:
+    robot = ik.load_robot("panda")
+    return ik.Inverter(robot, feedback=True, hidden=(8,), encoding="quaternion", dtype=torch.float32)
+
+
+# ---------------------------------------------------------------- code
+
+
+def trajectories(page: dict[str, Any]) -> None:
+    assert page["hand"].flatten().tolist() == pytest.approx(
+        [15.584, 2.748, 21.081, -0.866, -0.500, 21.428, 17.241, 9.954, 18.675], abs=6e-4
+    )
+    assert page["highest"].rad2deg().max().item() == pytest.approx(68, abs=0.5)
+    assert page["slow"].duration.item() == pytest.approx(24.8, abs=0.05)
+    assert page["slow"].peak().max().item() == pytest.approx(0.2, rel=1e-12)
+    assert page["vias"].flatten().tolist() == pytest.approx([0.10, 0.50, 0.90], abs=0.006)
+    assert page["residual"].item() < 1e-9
+
+
+def planning(page: dict[str, Any]) -> None:
+    found = page["found"]
+    assert bool(found.success)
+    assert float(found.clearance) == pytest.approx(0.0296, abs=2e-4)
+    assert float(found.trajectory.duration) == pytest.approx(1.50, abs=0.01)
+    line = ik.via_point_trajectory(torch.stack([page["start"], page["goal"]]), [0.0, 1.0], kind="quintic")
+    links = link_segments(page["robot"], line.position(torch.linspace(0, 1, 1000).double()))
+    assert float(page["balls"].distance(links, 0.06).min()) == pytest.approx(-0.17, abs=0.005)
+
+
+def collision(page: dict[str, Any]) -> None:
+    check = page["check"]
+    assert bool(check.touches)
+    assert float(check.time) == pytest.approx(0.56, abs=0.005)
+    assert check.names[check.link] == ("panda_link4", "panda_link5")
+
+
+def readme(page: dict[str, Any]) -> None:
+    assert page["solution"].success.all()
+    assert page["T"].grad.isfinite().all()
+    assert page["T"].grad.abs().max() > 0
+
+
+def training(page: dict[str, Any]) -> None:
+    assert page["result"].test_errors[0].joint_mse == pytest.approx(9.76e-13, rel=3)  # another machine rounds otherwise
+    assert len(page["result"].curves[0].validation) == 68
+
+
+# What a page says of the numbers that its code gives.
+CLAIMS: dict[str, Callable[[dict[str, Any]], None]] = {
+    "README.md": readme,
+    "docs/collision.md": collision,
+    "docs/levenberg-marquardt.md": lambda page: _below(page["loss"], 1e-4),  # 4.6e-6 where it was written
+    "docs/planning.md": planning,
+    "docs/training-rules.md": lambda page: _below(page["loss"], 0.03),  # the page says 0.012; others round otherwise
+    "docs/training.md": training,
+    "docs/trajectories.md": trajectories,
+}
+
+
+def _below(loss: torch.Tensor, limit: float) -> None:
+    assert loss.item() < limit
+
+
+def check_shapes(code: str, scope: dict[str, Any]) -> None:
+    """``q = ...  # (1000, 7)`` is a claim, too."""
+    for name, shape in re.findall(r"^([\w.]+)(?: = .*?)? +# \(((?:\d+, ?)+\d*)\)", code, re.MULTILINE):
+        expected = tuple(int(size) for size in shape.split(",") if size.strip())
+        assert tuple(eval(name, scope).shape) == expected, name
+
+
+@pytest.mark.parametrize("path", [path for path in PAGES if blocks(path, "python")], ids=name_of)
+def test_the_code_of_a_page_runs_and_gives_what_is_written(path: Path, tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given_files(tmp_path)
+    if path.name == "export.md":
+        ik.export_inverter(small_inverter(), "panda.onnx", steps=1)  # the page's own takes a minute
+    scope: dict[str, Any] = {}
+    for code in blocks(path, "python"):
+        for long, short in SHORTER.items():
+            code = code.replace(long, short)
+        exec(compile(code, name_of(path), "exec"), scope)
+        check_shapes(code, scope)
+    if (claim := CLAIMS.get(name_of(path))) is not None:
+        claim(scope)
+
+
+# ---------------------------------------------------------------- commands
+
+
+def commands(path: Path) -> Iterator[str]:
+    """Command lines of a page: in blocks for a shell, after ``$`` on screens, and indented by four spaces."""
+    text = path.read_text()
+    shell = [line for code in blocks(path, "bash", "") for line in code.replace("\\\n", " ").splitlines()]
+    shell += [line[2:] for code in blocks(path, "console") for line in code.splitlines() if line.startswith("$ ")]
+    rest = FENCE.sub("", text).replace("\\\n", " ")
+    shell += re.findall(r"^    (\S.*)", rest, re.MULTILINE)
+    for line in shell:
+        if re.match(r"(ikgrad|torchrun|python|pip|bash) (?!\w+( \w+)?:)", line):
+            yield line.split("  #")[0].split(" #")[0].strip()
+
+
+def ikgrad_arguments(path: Path) -> list[list[str]]:
+    """Arguments of the page's ``ikgrad`` commands, started directly or as a module."""
+    found = [re.split(r"^ikgrad | -m ikgrad ", line) for line in commands(path)]
+    return [shlex.split(parts[1]) for parts in found if len(parts) == 2]
+
+
+def sub_parsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    actions = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return dict(actions[0].choices) if actions else {}
+
+
+def unknown_options(words: list[str]) -> list[str]:
+    """What a command that is named in a sentence, maybe without all that it needs, has wrong."""
+    parser = build_parser()
+    while words and words[0] in (choices := sub_parsers(parser)):
+        parser, words = choices[words[0]], words[1:]
+    if words and sub_parsers(parser) and not words[0].startswith("-"):
+        return [words[0]]
+    options = [word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)]
+    return [option for option in options if option not in parser._option_string_actions]
+
+
+COMMANDS = [path for path in PAGES if ikgrad_arguments(path)]
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=name_of)
+def test_commands_are_accepted_and_the_quick_ones_run(path: Path, tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given_files(tmp_path)
+    for words in ikgrad_arguments(path):
+        if words[-1] == "--help" or words[0] == "--version":
+            assert main(words) == 0
+            continue
+        args = build_parser().parse_args(words)
+        if args.command == "train":
+            train._settings(args)  # the YAML inside
+        if args.command == "export":
+            assert Path(args.output).suffix in SUFFIXES
+        if getattr(args, "report", None):
+            assert Path(args.report).suffix in {".png", ".html"}
+        if args.command == "solve" and not Path(args.poses).exists():
+            assert main(["sample", "--robot", args.robot, "--count", "20", "-o", args.poses]) == 0
+        if QUICK.match(" ".join(words)):
+            assert main(words) == 0, words
+
+
+@pytest.mark.parametrize("path", [*PAGES, *NOTEBOOKS], ids=name_of)
+def test_commands_and_options_in_sentences_exist(path: Path):
+    wrong = []
+    for line in re.findall(r"`(ikgrad [^`]+)`", FENCE.sub("", prose(path))):
+        wrong += [f"{option} in `{line}`" for option in unknown_options(shlex.split(line.replace("...", ""))[1:])]
+    for line in re.findall(r"`((?:ik|fk|jacobian) --[^`]+)`", prose(path)):
+        wrong += [f"{option} in `{line}`" for option in unknown_options(["bench", *shlex.split(line)])]
+    assert not wrong
+
+
+@pytest.mark.parametrize("path", [*PAGES, *NOTEBOOKS], ids=name_of)
+def test_scripts_have_the_options_that_are_named(path: Path):
+    lines = re.findall(r"`(python [^`]+)`", FENCE.sub("", prose(path)))
+    lines += commands(path) if path.suffix == ".md" else []
+    for script, rest in (
+        match.groups() for line in lines if (match := re.match(r"python (scripts/\S+)(.*)", line, re.S))
+    ):
+        source = (ROOT / script).read_text()
+        assert all(f'"{option}"' in source for option in re.findall(r"--[a-z-]+", rest)), f"{script} {rest}"
+
+
+def test_extras_that_are_named_exist():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    sources = [*PAGES, *(ROOT / "src").rglob("*.py")]
+    named = {(name_of(path), extra) for path in sources for extra in re.findall(r"ikgrad\[(\w+)\]", path.read_text())}
+    assert {extra for _, extra in named} <= set(extras), named
+    assert set(re.findall(r"`\[(\w+)\]`", (ROOT / "README.md").read_text())) <= set(extras)
+
+
+# ---------------------------------------------------------------- links, paths, names
+
+
+def anchors(path: Path) -> set[str]:
+    """What a heading can be linked by: lower case, words joined by hyphens."""
+    headings = re.findall(r"^#+ +(.*)", FENCE.sub("", prose(path)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("path", [*PAGES, ROOT / "CHANGELOG.md", *NOTEBOOKS], ids=name_of)
+def test_links_lead_to_files_and_headings(path: Path):
+    text = FENCE.sub("", prose(path))
+    targets = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r"(?:src|href)=\"([^\"]+)\"", text)
+    for target in targets:
+        if re.match(r"[a-z]+:", target) or not re.match(r"[\w.#/-]+$", target):
+            continue  # the web, or a formula
+        file, _, anchor = target.partition("#")
+        goal = (path.parent / file).resolve() if file else path
+        assert goal.exists(), f"{target} leads nowhere"
+        assert goal.is_relative_to(ROOT), f"{target} leads out of the repository"
+        assert not anchor or anchor in anchors(goal), f"{target}: no such heading"
+
+
+@pytest.mark.parametrize("path", [*PAGES, ROOT / "CHANGELOG.md", *NOTEBOOKS], ids=name_of)
+def test_paths_of_the_repository_exist(path: Path):
+    for named in re.findall(
+        r"(?<![\w./-])((?:scripts|tests|docs|notebooks|configs|urdf|src)/[\w./*-]*\w)", prose(path)
+    ):
+        assert list(ROOT.glob(named)), f"{named} does not exist"
+
+
+@pytest.mark.parametrize("path", [*PAGES, ROOT / "CHANGELOG.md", *NOTEBOOKS], ids=name_of)
+def test_names_of_the_package_exist(path: Path):
+    for dotted in set(re.findall(r"`(?:ik|ikgrad)\.([A-Za-z_][\w.]*\w)", prose(path))):
+        assert exists(dotted), f"ikgrad.{dotted} does not exist"
+
+
+def exists(dotted: str) -> bool:
+    """A module of the package, or an attribute of one."""
+    thing: Any = ik
+    parts = dotted.split(".")
+    for depth, part in enumerate(parts, 1):
+        try:
+            thing = getattr(thing, part)
+        except AttributeError:
+            try:
+                thing = importlib.import_module(".".join(["ikgrad", *parts[:depth]]))
+            except ImportError:
+                return False
+    return True
