@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +67,16 @@ def test_examples_are_accepted_by_the_parser(capsys, command):
 
 
 def test_version(capsys):
-    assert printed(capsys, "--version") == f"ikgrad {ik.__version__}\n"
+    python = ".".join(map(str, sys.version_info[:3]))
+    assert printed(capsys, "--version") == f"ikgrad {ik.__version__} (torch {torch.__version__}, Python {python})\n"
+
+
+def test_version_where_torch_is_missing(capsys, monkeypatch):
+    def absent(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("ikgrad.cli.main.version", absent)
+    assert "(no torch, Python 3" in printed(capsys, "--version")
 
 
 def test_the_parser_imports_nothing_heavy():

@@ -1,17 +1,22 @@
 """Entry of the command ``ikgrad``: build the parser, run a command, turn errors into one line and an exit status.
 
-Exit status: 0 done; 2 a mistake that one line on stderr explains; 130 Ctrl-C; 141 nobody reads the output any more.
+Exit status: 0 done; 1 `ikgrad doctor` found something broken; 2 a mistake that one line on stderr explains; 130 Ctrl-C;
+141 nobody reads the output any more.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
+import platform
 import sys
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 from ikgrad import __version__
-from ikgrad.cli import bench, evaluate, export, fk, reproduce, robots, sample, solve, train
+from ikgrad.cli import bench, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train
 from ikgrad.cli.parsing import Parser, example
 from ikgrad.cli.terminal import Interrupted, describe, note
 from ikgrad.errors import IkgradError
@@ -26,7 +31,21 @@ COMMANDS = (
     export,
     reproduce,
     bench,
+    doctor,
 )  # each has add(commands), which sets run(args)
+
+
+class _Version(argparse.Action):
+    """Print versions; that of torch is read from its metadata, since importing it takes a second."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Print and exit."""
+        try:
+            torch = f"torch {version('torch')}"
+        except PackageNotFoundError:
+            torch = "no torch"
+        print(f"ikgrad {__version__} ({torch}, Python {platform.python_version()})")
+        parser.exit()
 
 
 def build_parser() -> Parser:
@@ -39,7 +58,7 @@ def build_parser() -> Parser:
             "ikgrad solve --robot panda poses.csv -o joints.csv"
         ),
     )
-    parser.add_argument("--version", action="version", version=f"ikgrad {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the versions of ikgrad and torch, and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, title="commands")
     for command in COMMANDS:
         command.add(commands)
