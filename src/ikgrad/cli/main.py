@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from ikgrad import __version__
-from ikgrad.cli import bench, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train
+from ikgrad.cli import bench, completion, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train
 from ikgrad.cli.parsing import Parser, example
 from ikgrad.cli.terminal import Interrupted, describe, note
 from ikgrad.errors import IkgradError
@@ -32,10 +32,11 @@ COMMANDS = (
     reproduce,
     bench,
     doctor,
+    completion,
 )  # each has add(commands), which sets run(args)
 
 
-class _Version(argparse.Action):
+class _Version(argparse._VersionAction):
     """Print versions; that of torch is read from its metadata, since importing it takes a second."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
@@ -58,7 +59,7 @@ def build_parser() -> Parser:
             "ikgrad solve --robot panda poses.csv -o joints.csv"
         ),
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the versions of ikgrad and torch, and exit")
+    parser.add_argument("--version", action=_Version, help="show the versions of ikgrad and torch, and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, title="commands")
     for command in COMMANDS:
         command.add(commands)
