@@ -10,16 +10,19 @@ import shlex
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 import torch
+import yaml
 
 import ikgrad as ik
 from ikgrad.cli import train
 from ikgrad.cli.main import build_parser, main
 from ikgrad.collision import link_segments
 from ikgrad.export.files import SUFFIXES
+from ikgrad.resources import find_config
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -54,6 +57,9 @@ def given_files(folder: Path) -> None:
     """What the pages call a file of the reader's own."""
     (folder / "arm.urdf").write_text((ROOT / "urdf/ur5e.urdf").read_text())
     (folder / "configs").symlink_to(ROOT / "configs")
+    (folder / "mine.yaml").write_text((ROOT / "configs/puma_qp.yaml").read_text())
+    (folder / "runs/ur5e_loop").mkdir(parents=True)
+    ik.Inverter(ik.load_robot("ur5e"), feedback=True, hidden=(8,)).save(folder / "runs/ur5e_loop/model")
 
 
 def small_inverter() -> ik.Inverter:
@@ -98,6 +104,21 @@ def readme(page: dict[str, Any]) -> None:
     assert page["T"].grad.abs().max() > 0
 
 
+def solving(page: dict[str, Any]) -> None:
+    for name in ("anywhere", "turning", "four", "several"):
+        assert page[name].success.all(), name
+    assert page["target"].grad.abs().max() > 0
+    straight = ik.pose_error(ik.forward_kinematics(page["robot"], page["way"]), page["line"])
+    assert straight.abs().max() < 2e-6
+    assert page["way"].diff(dim=0).abs().max() < 0.05  # no jump
+
+
+def start(page: dict[str, Any]) -> None:
+    assert page["solution"].success.all()
+    found = ik.pose_error(ik.forward_kinematics(page["panda"], page["q"]), page["T"])
+    assert found[:, :3].norm(dim=-1).median() < 1e-4
+
+
 def training(page: dict[str, Any]) -> None:
     assert page["result"].test_errors[0].joint_mse == pytest.approx(9.76e-13, rel=3)  # another machine rounds otherwise
     assert len(page["result"].curves[0].validation) == 68
@@ -108,7 +129,9 @@ CLAIMS: dict[str, Callable[[dict[str, Any]], None]] = {
     "README.md": readme,
     "docs/collision.md": collision,
     "docs/levenberg-marquardt.md": lambda page: _below(page["loss"], 1e-4),  # 4.6e-6 where it was written
+    "docs/index.md": start,
     "docs/planning.md": planning,
+    "docs/solving.md": solving,
     "docs/training-rules.md": lambda page: _below(page["loss"], 0.03),  # the page says 0.012; others round otherwise
     "docs/training.md": training,
     "docs/trajectories.md": trajectories,
@@ -131,7 +154,7 @@ def test_the_code_of_a_page_runs_and_gives_what_is_written(path: Path, tmp_path:
     monkeypatch.chdir(tmp_path)
     given_files(tmp_path)
     if path.name == "export.md":
-        ik.export_inverter(small_inverter(), "panda.onnx", steps=1)  # the page's own takes a minute
+        ik.export_inverter(small_inverter(), "panda.onnx")  # the page's own takes a minute
     scope: dict[str, Any] = {}
     for code in blocks(path, "python"):
         for long, short in SHORTER.items():
@@ -193,6 +216,8 @@ def test_commands_are_accepted_and_the_quick_ones_run(path: Path, tmp_path: Path
         args = build_parser().parse_args(words)
         if args.command == "train":
             train._settings(args)  # the YAML inside
+        given = getattr(args, "config", None) or []
+        assert all(find_config(name).exists() for name in ([given] if isinstance(given, str) else given))
         if args.command == "export":
             assert Path(args.output).suffix in SUFFIXES
         if getattr(args, "report", None):
@@ -282,3 +307,38 @@ def exists(dotted: str) -> bool:
             except ImportError:
                 return False
     return True
+
+
+# ---------------------------------------------------------------- the site
+
+
+def site_pages(entries: list[Any]) -> list[str]:
+    """Pages in the navigation, in order."""
+    values = [value for entry in entries for value in (entry.values() if isinstance(entry, dict) else [entry])]
+    return [page for value in values for page in (site_pages(value) if isinstance(value, list) else [value])]
+
+
+def test_the_navigation_has_every_page_once():
+    nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"]
+    assert sorted(site_pages(nav)) == sorted(str(path.relative_to(ROOT / "docs")) for path in PAGES[1:])
+
+
+def test_the_reference_has_every_public_name():
+    text = "".join(path.read_text() for path in (ROOT / "docs/reference").glob("*.md"))
+    shown = re.findall(r"^::: ikgrad\.(\S+)\n    options:\n      heading: ik\.(\S+)$", text, re.MULTILINE)
+    assert len(shown) == text.count(":::")
+    for path, heading in shown:
+        assert exists(path), path
+        assert path.rpartition(".")[2] == heading.rpartition(".")[2]
+    headings = {heading for _, heading in shown}
+    public = {name for name in ik.__all__ if name[0] != "_" and not isinstance(getattr(ik, name), ModuleType)}
+    assert public <= headings, public - headings
+    assert {f"optim.{name}" for name in ik.optim.__all__} <= headings
+
+
+def test_the_table_of_choosing_is_that_of_the_benchmarks():
+    head = "| what | measured (ratios with their 95 % interval) | command: `ikgrad bench ...` |"
+    tables = [
+        (ROOT / f"docs/{page}.md").read_text().split(head)[1].split("\n\n")[0] for page in ("benchmarks", "choosing")
+    ]
+    assert tables[0] == tables[1]
