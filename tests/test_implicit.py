@@ -72,6 +72,13 @@ def test_redundant_arms_take_the_smallest_joint_motion(name: str):
             torch.testing.assert_close(turned, pinv[:, joint, 3 + axis], rtol=1e-8, atol=1e-8)
 
 
+def test_a_second_derivative_is_refused(panda: ik.Robot):
+    T = ik.forward_kinematics(panda, ik.sample_configurations(panda, 3, seed=0)).requires_grad_()
+    (first,) = torch.autograd.grad(ik.solve_ik(panda, T).q.square().sum(), T, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        first.square().sum().backward()
+
+
 @pytest.mark.parametrize("shape", [(), (2, 1, 3), (0,)])
 def test_any_batch_shape_and_several_solutions(panda: ik.Robot, shape: tuple[int, ...]):
     q, T = question(panda, rows=math.prod(shape))

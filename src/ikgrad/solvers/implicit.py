@@ -16,6 +16,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from ikgrad.kinematics import plain_forward_kinematics, pose_and_jacobian
 from ikgrad.robot import Robot
@@ -70,6 +71,7 @@ class _PullBack(torch.autograd.Function):
         return e.new_zeros(J.shape[0], J.shape[2])
 
     @staticmethod
+    @once_differentiable  # J is taken as it is; a second derivative would silently lack its change
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
         (J,), (grad_q,) = ctx.saved_tensors, grads
         return pseudo_inverse_transposed(J, grad_q), None

@@ -46,7 +46,8 @@ def solve_ik(
 
     Gradients flow from ``q`` to ``T_target``, and to link parameters given by `Robot.with_geometry`, by the implicit
     function theorem, whatever method found the answer: dq = J_f^+ de. Joints that stand at a limit are held;
-    redundant arms take the smallest joint motion; failed rows have zero gradient (see ``success``).
+    redundant arms take the smallest joint motion; failed rows have zero gradient (see ``success``). Second
+    derivatives through the answer are refused.
 
     Rows are independent of each other. Work is done in float64 whatever the dtype; the answer has the dtype of
     ``T_target``. Success is never the method's own claim: the errors are recomputed by forward kinematics.
