@@ -283,3 +283,11 @@ def test_meshes_and_packages_are_not_followed(tmp_path: Path):
     path = tmp_path / "mesh.urdf"
     path.write_text(text)
     assert ik.load_robot(path).dof == 1
+
+
+def test_to_its_own_dtype_and_device_is_the_robot_itself(panda: ik.Robot):
+    assert panda.to() is panda
+    assert panda.to("cpu", torch.float64) is panda
+    half = panda.to(dtype=torch.float32)
+    assert half is not panda
+    assert half.to(dtype=torch.float32) is half

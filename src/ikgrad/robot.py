@@ -174,12 +174,14 @@ class Robot:
         return tables.multiplier * q[..., tables.variable] + tables.offset
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> Robot:
-        """The same robot with limits and chain on another device or of another dtype; this one is unchanged.
+        """The same robot with limits and chain on another device or of another dtype; itself if that is no change.
 
         Functions follow the dtype and device of their tensors, so this is needed for ``chain``, ``q_min`` and
         ``q_max`` only.
         """
         device = self.device if device is None else torch.device(device)
+        if (device, dtype or self.dtype) == (self.device, self.dtype):
+            return self  # the tables that kernels keep for a robot are then found again
         return replace(self, device=device, dtype=dtype or self.dtype, _tables=self._tables)
 
     def with_tool(self, T_flange_tool: ArrayLike | Tensor, *, name: str = "tool") -> Robot:
