@@ -24,6 +24,7 @@ LAYERS = [
     {"training", "export"},
     {"evaluation"},
     {"papers", "plots", "bench"},
+    {"view"},
     {"cli", "__main__"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -1,0 +1,27 @@
+"""The robot in a web page: joints to turn, a target to drag, methods to watch, motions to play.
+
+What is shown is computed without viser and can be used and tested without it: `shapes` (the arm as capsules and
+cylinders), `session` (what the arm does for a target, in words), `race` (methods on one target, iterate by iterate),
+`motion` (a file of joints), `obstacles` (spheres, and the clearance to them). `scene`, `panels` and `app` put it into
+viser's page and are all that needs the extra ``[viz]``.
+"""
+
+from ikgrad.view.app import Viewer, export_page, start_server
+from ikgrad.view.motion import Motion, read_motion
+from ikgrad.view.race import Run, race
+from ikgrad.view.session import Answer, Session
+from ikgrad.view.shapes import Part, arm_parts
+
+__all__ = [
+    "Answer",
+    "Motion",
+    "Part",
+    "Run",
+    "Session",
+    "Viewer",
+    "arm_parts",
+    "export_page",
+    "race",
+    "read_motion",
+    "start_server",
+]

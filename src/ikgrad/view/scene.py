@@ -1,0 +1,164 @@
+"""What stands in the page's scene: arms, spheres, lines. Servers and handles are viser's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ikgrad.collision import Spheres
+from ikgrad.plots.style import PALETTE
+from ikgrad.robot import Robot
+from ikgrad.rotations import quat_wxyz_from_matrix
+from ikgrad.view.shapes import Part, arm_parts, base_mesh, link_radius, merge, part_mesh
+
+Colour = tuple[int, int, int]
+Place = tuple[float, float, float]
+
+
+def rgb(colour: str) -> Colour:
+    """``#0072B2`` as three bytes."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+BLUE, VERMILLION, GREEN, PINK, AMBER, SKY, INK = (rgb(colour) for colour in PALETTE)
+ARM, MISSED, DARK, STEEL = (242, 115, 26), (165, 165, 165), (56, 61, 71), (150, 155, 165)
+
+
+class ArmNodes:
+    """One arm in the scene.
+
+    Args:
+        server: viser's server.
+        robot: the robot.
+        root: name of the node that all others hang below.
+        colour: of the links.
+        opacity: None: solid.
+        place: of the base in the scene [m].
+        visible: at first.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        robot: Robot,
+        root: str,
+        *,
+        colour: Colour = ARM,
+        opacity: float | None = None,
+        place: Place = (0.0, 0.0, 0.0),
+        visible: bool = True,
+    ):
+        self._robot, self._colour = robot, colour
+        scene, solid = server.scene, opacity is None
+        self._root = scene.add_frame(root, show_axes=False, position=place, visible=visible)
+        self._frames: dict[int, Any] = {}
+        self._links: list[Any] = []
+        options = dict(opacity=opacity, cast_shadow=solid, receive_shadow=solid)
+        for link, role, parts in _grouped(arm_parts(robot)):
+            if link not in self._frames:
+                self._frames[link] = scene.add_frame(f"{root}/{link}", show_axes=False)
+            mesh = merge_parts(parts)
+            tint = {"link": colour, "joint": DARK, "rail": STEEL}[role]
+            node = scene.add_mesh_simple(f"{root}/{link}/{role}", mesh.vertices, mesh.faces, color=tint, **options)
+            if role == "link":
+                self._links.append(node)
+        if solid:
+            foot = base_mesh(link_radius(robot))
+            scene.add_mesh_simple(f"{root}/foot", foot.vertices, foot.faces, color=DARK, **options)
+
+    def show(self, poses: Tensor) -> None:
+        """Move the arm: (links, 4, 4) of `ikgrad.link_poses`."""
+        quaternions, places = quat_wxyz_from_matrix(poses[:, :3, :3]).numpy(), poses[:, :3, 3].numpy()
+        for link, frame in self._frames.items():
+            frame.wxyz, frame.position = quaternions[link], places[link]
+
+    def paint(self, colour: Colour) -> None:
+        """Change the colour of the links."""
+        if colour != self._colour:
+            self._colour = colour
+            for node in self._links:
+                node.color = colour
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide it."""
+        if self._root.visible != visible:
+            self._root.visible = visible
+
+    def remove(self) -> None:
+        """Take it out of the scene."""
+        self._root.remove()
+
+
+def _grouped(parts: tuple[Part, ...]) -> list[tuple[int, str, list[Part]]]:
+    """Parts that make one mesh: those of one link and one role."""
+    groups: dict[tuple[int, str], list[Part]] = {}
+    for part in parts:
+        groups.setdefault((part.link, part.role), []).append(part)
+    return [(link, role, members) for (link, role), members in groups.items()]
+
+
+def merge_parts(parts: list[Part]) -> Any:
+    """Parts of one link as one mesh."""
+    meshes = [part_mesh(part) for part in parts]
+    return meshes[0] if len(meshes) == 1 else merge(meshes, turn=False)
+
+
+def add_floor(server: Any, robot: Robot) -> None:
+    """A grid at z = 0 (thick lines 0.5 m apart for an arm of a metre), and a camera that sees the whole arm."""
+    size = robot.length
+    cell = 0.5 * 10.0 ** np.round(np.log10(size))
+    wide = cell * np.ceil(4 * size / cell)
+    server.scene.add_grid(
+        "/floor",
+        width=wide,
+        height=wide,
+        cell_size=cell / 5,
+        section_size=cell,
+        cell_color=(228, 228, 228),
+        section_color=(200, 200, 200),
+    )
+    server.initial_camera.position, server.initial_camera.look_at = camera(size)
+
+
+def camera(size: float, *, arms: int = 1) -> tuple[Place, Place]:
+    """Where to stand and where to look; the controls cover the right third, so the arm stands left of the middle.
+
+    Args:
+        size: length of an arm [m].
+        arms: how many of them stand in a row.
+    """
+    if arms == 1:
+        return (1.45 * size, -1.05 * size, 0.95 * size), (0.2 * size, 0.25 * size, 0.35 * size)
+    shift = 0.28 * arms * size
+    return (shift, -(0.9 + 0.55 * arms) * size, 0.9 * size), (shift, 0.0, 0.4 * size)
+
+
+def add_spheres(server: Any, spheres: Spheres) -> list[Any]:
+    """Obstacles; their handles in order."""
+    balls = []
+    for k, (centre, radius) in enumerate(zip(spheres.centers.numpy(), spheres.radii.tolist(), strict=True)):
+        name = f"/obstacles/{k + 1}"
+        balls.append(server.scene.add_icosphere(name, radius=radius, position=centre, color=BLUE, opacity=0.55))
+    return balls
+
+
+def add_path(server: Any, points: Tensor, *, name: str = "/path", colour: Colour = BLUE) -> None:
+    """A line through (k, 3) points [m]."""
+    if len(points) > 1:
+        ends = torch.stack([points[:-1], points[1:]], dim=1).numpy()
+        server.scene.add_line_segments(
+            name, ends.astype(np.float32), colors=colour, thickness=2.5, thickness_units="screen"
+        )
+
+
+def add_axes(server: Any, name: str, T: Tensor, size: float) -> Any:
+    """The axes of a pose (4, 4)."""
+    wxyz = quat_wxyz_from_matrix(T[:3, :3]).numpy()
+    position = T[:3, 3].numpy()
+    return server.scene.add_frame(name, axes_length=size, axes_radius=0.05 * size, wxyz=wxyz, position=position)
+
+
+__all__ = ["ArmNodes", "add_axes", "add_floor", "add_path", "add_spheres", "camera", "rgb"]
