@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from ikgrad import __version__
-from ikgrad.cli import bench, completion, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train
+from ikgrad.cli import bench, completion, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train, view
 from ikgrad.cli.parsing import Parser, example
 from ikgrad.cli.terminal import Interrupted, describe, note
 from ikgrad.errors import IkgradError
@@ -31,6 +31,7 @@ COMMANDS = (
     export,
     reproduce,
     bench,
+    view,
     doctor,
     completion,
 )  # each has add(commands), which sets run(args)
