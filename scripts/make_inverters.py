@@ -11,20 +11,19 @@ share the cores; the number of threads is torch's own.
 from __future__ import annotations
 
 import argparse
-import shutil
+import json
 import subprocess
 import sys
 from pathlib import Path
+
+from PIL import Image
 
 import ikgrad as ik
 from ikgrad.networks.places import CONFIG, READY_MADE, WEIGHTS
 from ikgrad.resources import builtin_names
 
 PACKAGE = Path(ik.__file__).parent / "_data" / READY_MADE
-REPORTS = {
-    "evaluation.json": "report.json",
-    "evaluation.png": "report.png",
-}  # as `ikgrad evaluate` calls them: as we do
+REPORTS = ("report.json", "report.png")
 
 
 def main() -> None:
@@ -32,7 +31,7 @@ def main() -> None:
     options = _options()
     for name in options.robots:
         run, home = options.runs / name, PACKAGE / name
-        done = all((home / report).is_file() for report in REPORTS.values())
+        done = all((home / report).is_file() for report in REPORTS)
         if done and not options.redo and _same(run / "model" / WEIGHTS, home / WEIGHTS):
             print(f"{name}: done already")
             continue
@@ -60,8 +59,11 @@ def evaluate(run: Path) -> None:
 def store(run: Path, home: Path) -> None:
     """The inverter and its reports, in the package; it must load for the robot of its name."""
     ik.load_inverter(run, robot=ik.load_robot(home.name)).save(home, force=True)
-    for theirs, ours in REPORTS.items():
-        shutil.copyfile(run / "report" / theirs, home / ours)
+    report = {**json.loads((run / "report" / "evaluation.json").read_text()), "inverter": home.name}
+    (home / "report.json").write_text(json.dumps(report, indent=1) + "\n")
+    page = Image.open(run / "report" / "evaluation.png").convert("RGB")
+    few = page.quantize(255, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)  # a quarter of the bytes
+    few.save(home / "report.png", optimize=True)
 
 
 def _same(ours: Path, theirs: Path) -> bool:

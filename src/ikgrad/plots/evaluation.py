@@ -182,6 +182,7 @@ def _histogram(axes: Any, errors: np.ndarray, bins: np.ndarray) -> None:
 def _workspace(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) -> None:
     """Median position error by distance from the first joint's axis and by height."""
     from matplotlib.colors import LogNorm
+    from matplotlib.ticker import LogFormatterSciNotation
 
     assert found.answers is not None
     axes = figure.subplots()
@@ -203,7 +204,8 @@ def _workspace(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) 
     axes.set_aspect("equal")
     axes.set(xlabel="distance from the first axis [m]", ylabel="height [m]")
     axes.set_title(f"{found.protocol or 'task'}: median error by place of the target", fontsize=11)
-    figure.colorbar(picture, ax=axes, label="median position error [mm]", location="bottom", aspect=30)
+    bar = figure.colorbar(picture, ax=axes, label="median position error [mm]", location="bottom", aspect=30)
+    bar.ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(0.6, 0.2)))  # else labels overlap
 
 
 def _worst(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) -> None:
