@@ -196,6 +196,23 @@ def taught(family: type[IncrementInverter], robot: ik.Robot, **options: int) -> 
     return inverter
 
 
+@pytest.mark.parametrize(("encoding", "steps"), [("rotation_vector", 1), ("roll_pitch_yaw", None)])
+def test_float64_files_keep_all_digits(encoding: str, steps: int | None, tmp_path: Path):
+    """Runtimes have no arc functions in float64, and the exporter would round bounds that are numbers to float32."""
+    robot = ik.load_robot("ur5e")
+    q, T, current = near(robot, 1000)
+    inverter = ik.Inverter(robot, feedback=True, hidden=(8,), encoding=encoding).fit(T, q, current)
+    done = export_inverter(inverter, tmp_path / "arm.onnx", steps=steps)
+    session = onnxruntime.InferenceSession(done.path, providers=["CPUExecutionProvider"])
+    answers = session.run(None, {"T": T.numpy(), "q_current": current.numpy()})
+    with torch.no_grad():
+        wanted = (inverter(T, current),) if steps is None else Refined(inverter, steps=steps)(T, current)
+    for answer, value in zip(answers, wanted, strict=True):
+        assert np.abs(answer - value.numpy()).max() < 1e-11
+    assert done.difference is not None
+    assert done.difference < 1e-11
+
+
 @pytest.fixture(params=["panda", "ur5e", "kr210", "denso_vp6242", "zoo"])
 def arm(request: pytest.FixtureRequest, zoo_path: Path) -> ik.Robot:
     """Four arms, and a chain with a slide, mimic joints and a joint without limits."""

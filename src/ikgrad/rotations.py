@@ -72,6 +72,27 @@ def drawn_log_rotation(R: Tensor) -> Tensor:
     return 2 * v * torch.where(sine > 0, half / torch.where(sine > 0, sine, 1.0), 1.0)
 
 
+def drawn_atan2(y: Tensor, x: Tensor) -> Tensor:
+    """``atan2`` for graphs that are drawn and taken elsewhere: from one in float32, by ``h = h0 + sin(h - h0)``.
+
+    Args:
+        y: (...)
+        x: (...)
+
+    Returns:
+        (...) angle [rad], 0 where both are zero.
+
+    Example:
+        >>> import torch
+        >>> y, x = torch.randn(2, 1000, dtype=torch.float64)
+        >>> bool((drawn_atan2(y, x) - torch.atan2(y, x)).abs().max() < 1e-15)
+        True
+    """
+    h = torch.atan2(y.float(), x.float()).to(y)
+    length = (x.square() + y.square()).sqrt()
+    return h + (y * h.cos() - x * h.sin()) / torch.where(length > 0, length, 1.0)
+
+
 def rotation_angle(R: Tensor) -> Tensor:
     """Angle of a rotation matrix, accurate to rounding near 0: atan2(|vee(R - R^T)| / 2, (tr R - 1) / 2).
 

@@ -58,7 +58,7 @@ class Refined(nn.Module):
             at = damped_steps(self.robot, T.double(), answer.double())
         squares = at.error.square().unflatten(-1, (2, 3)).sum(dim=-1)
         position, rotation = squares.sqrt().unbind(dim=-1)
-        return answer, (position * self.length).to(T.dtype), rotation.to(T.dtype)
+        return answer, (position * position.new_tensor(self.length)).to(T.dtype), rotation.to(T.dtype)
 
 
 __all__ = ["Refined"]

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ikgrad.errors import UnknownNameError
 from ikgrad.kinematics import check_poses
-from ikgrad.rotations import log_rotation, quat_wxyz_from_matrix
+from ikgrad.rotations import drawn_atan2, drawn_log_rotation, log_rotation, quat_wxyz_from_matrix
 
 
 def roll_pitch_yaw(R: Tensor) -> Tensor:
@@ -32,10 +32,21 @@ def roll_pitch_yaw(R: Tensor) -> Tensor:
         >>> roll_pitch_yaw(quarter).abs()
         tensor([0.0000, 0.0000, 1.5708])
     """
-    roll = torch.atan2(R[..., 2, 1], R[..., 2, 2])
-    pitch = torch.atan2(-R[..., 2, 0], torch.hypot(R[..., 2, 1], R[..., 2, 2]))
-    yaw = torch.atan2(R[..., 1, 0], R[..., 0, 0])
+    arc = drawn_atan2 if torch.compiler.is_exporting() else torch.atan2
+    roll = arc(R[..., 2, 1], R[..., 2, 2])
+    pitch = arc(-R[..., 2, 0], R[..., 2, 1:].norm(dim=-1))
+    yaw = arc(R[..., 1, 0], R[..., 0, 0])
     return torch.stack([roll, pitch, yaw], dim=-1)
+
+
+def rotation_vector(R: Tensor) -> Tensor:
+    """`log_rotation`; where a graph is drawn for another program, in operations that runtimes have in float64.
+
+    Example:
+        >>> rotation_vector(torch.eye(3)).tolist()
+        [0.0, 0.0, 0.0]
+    """
+    return drawn_log_rotation(R) if torch.compiler.is_exporting() else log_rotation(R)
 
 
 def rotation_6d(R: Tensor) -> Tensor:
@@ -70,7 +81,7 @@ class Encoding(NamedTuple):
 
 
 ENCODINGS = {
-    "rotation_vector": Encoding(log_rotation, ("rx [rad]", "ry [rad]", "rz [rad]")),
+    "rotation_vector": Encoding(rotation_vector, ("rx [rad]", "ry [rad]", "rz [rad]")),
     "roll_pitch_yaw": Encoding(roll_pitch_yaw, ("roll [rad]", "pitch [rad]", "yaw [rad]")),
     "quaternion": Encoding(quat_wxyz_from_matrix, ("qw", "qx", "qy", "qz")),  # w >= 0 fixes the sign
     "rotation_6d": Encoding(rotation_6d, ("r11", "r21", "r31", "r12", "r22", "r32")),
@@ -118,4 +129,4 @@ def _known(encoding: str) -> Encoding:
     return ENCODINGS[encoding]
 
 
-__all__ = ["ENCODINGS", "Encoding", "encode_pose", "feature_names", "roll_pitch_yaw", "rotation_6d"]
+__all__ = ["ENCODINGS", "Encoding", "encode_pose", "feature_names", "roll_pitch_yaw", "rotation_6d", "rotation_vector"]

@@ -137,9 +137,10 @@ def _step(J: Tensor, e: Tensor, q: Tensor, low: Tensor, high: Tensor, damping: f
     slope = (J.mT @ e[..., None])[..., 0]
     held = ((q >= high) & (slope > 0)) | ((q <= low) & (slope < 0))
     J = torch.where(held[:, None, :], 0.0, J)
-    mu = damping * e.square().sum(-1) + 1e-12
+    factor, least, limit = e.new_tensor([damping, 1e-12, max_step])  # as numbers, an ONNX file has them in float32
+    mu = factor * e.square().sum(-1) + least
     A = J @ J.mT + mu[:, None, None] * torch.eye(6).to(e)
-    return (J.mT @ solve_spd(A, e)[..., None])[..., 0].clamp(-max_step, max_step)
+    return (J.mT @ solve_spd(A, e)[..., None])[..., 0].clamp(-limit, limit)
 
 
 def solve_spd(A: Tensor, b: Tensor) -> Tensor:
