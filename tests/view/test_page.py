@@ -190,7 +190,8 @@ def test_a_race_shows_an_arm_for_every_method_and_goes_away_again(
     assert not viewer._arm._root.visible
     assert viewer._race.words.content.count("steps") >= 3
     player = viewer._race_player
-    eventually(lambda: not player._playing)  # it plays to its end
+    last = player._count - 1
+    eventually(lambda: player._slider.value == last and not player._playing)  # it plays to its end
     for arm, run in zip(viewer._racers, viewer._runs, strict=True):
         assert torch.allclose(shown(viewer, arm), expected(viewer, arm, run.q[-1]))
     page.use(player._slider, 0)
@@ -210,8 +211,7 @@ def test_a_motion_is_played_to_its_end_and_can_be_held(
     page.use(player._speed, 240)
     page.use(player._button, True)
     eventually(lambda: torch.equal(viewer.session.q, q[-1]))
-    eventually(lambda: not player._playing)
-    assert player._slider.value == 49
+    eventually(lambda: player._slider.value == 49 and not player._playing)
     page.use(player._slider, 7)
     eventually(lambda: torch.equal(viewer.session.q, q[7]))
     page.use(player._speed, 1)

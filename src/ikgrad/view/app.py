@@ -270,7 +270,8 @@ class Viewer:
     def _set_alone(self, alone: bool) -> None:
         """Whether the one arm is shown, or the arms of a race."""
         self._arm.set_visible(alone)
-        self._target.visible = alone
+        for node in (self._target, *self._around):
+            node.visible = alone
         for ghost in self._ghosts:
             ghost.set_visible(False)
         position, look_at = camera(self.session.robot.length, arms=1 if alone else len(self._runs))
@@ -292,8 +293,9 @@ class Viewer:
             ArmNodes(server, robot, f"/ghosts/{k}", colour=SKY, opacity=0.22, visible=False) for k in range(GHOSTS)
         ]
         self._balls = add_spheres(server, self._spheres) if self._spheres is not None else []
+        self._around = [*self._balls]  # what belongs to the one arm's place
         if self._motion is not None:
-            add_path(server, self._motion.tool_path(robot))
+            self._around.append(add_path(server, self._motion.tool_path(robot)))
         self._target = server.scene.add_transform_controls("/target", scale=0.22 * robot.length, depth_test=False)
 
         @self._target.on_update

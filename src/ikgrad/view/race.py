@@ -87,14 +87,16 @@ def race(
     runs = []
     for name, solver in METHODS.items():
         trace = trace_ik(robot, T_target, q0=q0, solver=solver, tol_pos=TOLERANCE, tol_rot=TOLERANCE, mask=mask)
-        run = _finished(name, *trace)
+        run = _finished(robot, name, *trace)
         if isinstance(solver, LevenbergMarquardt) and not run.met and len(run.q) > 1:
-            run = _finished(name, *(column[:-1] for column in trace))  # the last is a new start, drawn and not used
+            run = _finished(
+                robot, name, *(column[:-1] for column in trace)
+            )  # the last is a new start, drawn and not used
         runs.append(run)
     if inverter is not None and mask is None:
         q = torch.stack([q0, *answers(inverter, T_target, q0)])
         e = pose_error(forward_kinematics(robot, q), T_target)
-        runs.append(_finished(INVERTER, q, e[:, :3].norm(dim=-1), e[:, 3:].norm(dim=-1)))
+        runs.append(_finished(robot, INVERTER, q, e[:, :3].norm(dim=-1), e[:, 3:].norm(dim=-1)))
     return runs
 
 
@@ -143,14 +145,18 @@ def curves(runs: Sequence[Run], *, floor: float = 1e-12) -> tuple[Tensor, Tensor
     return torch.arange(1, longest + 1).double(), torch.stack(rows).nan_to_num(nan=floor).clamp(floor, 1e3)
 
 
-def _finished(name: str, q: Tensor, position: Tensor, rotation: Tensor) -> Run:
-    """A run without iterates that are not finite, and a sentence about its end."""
+def _finished(robot: Robot, name: str, q: Tensor, position: Tensor, rotation: Tensor) -> Run:
+    """A run without iterates that are not finite; its words name the end, or the iterate that `solve_ik` would keep."""
     good = position.isfinite() & q.isfinite().all(dim=-1)
     run = Run(name, q[good], position[good], rotation[good], "")
-    steps = len(run.q) - 1
-    left = f"{1e3 * float(run.position_error[-1]):.3g} mm and {math.degrees(float(run.rotation_error[-1])):.3g} deg"
-    count = f"{steps:,} step" + "s" * (steps != 1)
-    return run._replace(words=f"reached in {count}" if run.met else f"{left} left after {count}")
+    steps = f"{len(run.q) - 1:,} step" + "s" * (len(run.q) != 2)
+    if run.met:
+        return run._replace(words=f"reached in {steps}")
+    best = int((run.position_error / robot.length + run.rotation_error).argmin())
+    missing = (
+        f"{1e3 * float(run.position_error[best]):.3g} mm and {math.degrees(float(run.rotation_error[best])):.2g} deg"
+    )
+    return run._replace(words=f"nearest {missing}, ended after {steps}")
 
 
 __all__ = ["INVERTER", "METHODS", "Run", "answers", "curves", "inverter_for", "iterations_to_show", "race"]

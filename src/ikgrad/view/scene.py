@@ -121,6 +121,7 @@ def add_floor(server: Any, robot: Robot) -> None:
         section_color=(200, 200, 200),
     )
     server.initial_camera.position, server.initial_camera.look_at = camera(size)
+    server.initial_camera.fov = 0.85
 
 
 def camera(size: float, *, arms: int = 1) -> tuple[Place, Place]:
@@ -133,7 +134,7 @@ def camera(size: float, *, arms: int = 1) -> tuple[Place, Place]:
     if arms == 1:
         return (1.45 * size, -1.05 * size, 0.95 * size), (0.2 * size, 0.25 * size, 0.35 * size)
     shift = 0.28 * arms * size
-    return (shift, -(0.9 + 0.55 * arms) * size, 0.9 * size), (shift, 0.0, 0.4 * size)
+    return (shift, -(0.3 + 1.25 * arms) * size, 1.4 * size), (shift, 0.0, 0.4 * size)
 
 
 def add_spheres(server: Any, spheres: Spheres) -> list[Any]:
@@ -145,13 +146,11 @@ def add_spheres(server: Any, spheres: Spheres) -> list[Any]:
     return balls
 
 
-def add_path(server: Any, points: Tensor, *, name: str = "/path", colour: Colour = BLUE) -> None:
-    """A line through (k, 3) points [m]."""
-    if len(points) > 1:
-        ends = torch.stack([points[:-1], points[1:]], dim=1).numpy()
-        server.scene.add_line_segments(
-            name, ends.astype(np.float32), colors=colour, thickness=2.5, thickness_units="screen"
-        )
+def add_path(server: Any, points: Tensor, *, name: str = "/path", colour: Colour = BLUE) -> Any:
+    """A line through (k, 3) points [m]; a single point makes a short one."""
+    points = torch.cat([points, points]) if len(points) == 1 else points
+    ends = torch.stack([points[:-1], points[1:]], dim=1).numpy().astype(np.float32)
+    return server.scene.add_line_segments(name, ends, colors=colour, thickness=2.5, thickness_units="screen")
 
 
 def add_axes(server: Any, name: str, T: Tensor, size: float) -> Any:

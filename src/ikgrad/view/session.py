@@ -22,7 +22,7 @@ GHOSTS = 8
 
 _QUICK = LevenbergMarquardt(max_starts=4)  # while the target moves: a full search may take a tenth of a second
 _FULL = LevenbergMarquardt()
-_STEPS = {True: 60, False: 15}  # towards a target that is not reached; while it moves the next answer goes on
+_STEPS = {True: 60, False: 6}  # towards a target that is not reached; while it moves the next answer goes on
 
 
 @dataclass(frozen=True, eq=False)
