@@ -182,12 +182,14 @@ def test_a_race_shows_an_arm_for_every_method_and_goes_away_again(
 ):
     from ikgrad.view.race import inverter_for
 
-    viewer = make(panda, inverter=inverter_for(panda))
+    spheres = Spheres(torch.tensor([[0.6, 0.0, 0.3]]).double(), torch.tensor([0.1]).double())
+    viewer = make(panda, inverter=inverter_for(panda), spheres=spheres)
     page, session = browser(viewer), viewer.session
     page.drag(ik.forward_kinematics(panda, session.home + 0.05))
     page.use(viewer._race._start, True)
     eventually(lambda: len(viewer._racers) == 4 and viewer._race_player is not None)
     assert not viewer._arm._root.visible
+    assert not viewer._balls[0].visible
     assert viewer._race.words.content.count("steps") >= 3
     player = viewer._race_player
     last = player._count - 1
@@ -199,6 +201,7 @@ def test_a_race_shows_an_arm_for_every_method_and_goes_away_again(
     eventually(lambda: torch.allclose(shown(viewer, first), expected(viewer, first, session.home)))
     page.use(viewer._race._close, True)
     eventually(lambda: not viewer._racers and viewer._arm._root.visible)
+    eventually(lambda: viewer._balls[0].visible)
     assert viewer.server.scene.get_handle_by_name("/race/0") is None
 
 
