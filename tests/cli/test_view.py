@@ -86,7 +86,12 @@ def test_solved_joints_go_into_a_page(capsys, tmp_path: Path):
 
 @installed
 def test_it_serves_the_page_until_ctrl_c(tmp_path: Path):
-    command = [sys.executable, "-m", "ikgrad", "view", "--robot", "arm4", "--port", "0", "--no-browser"]
+    code = (
+        "import signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it\n"
+        "from ikgrad.cli.main import main; sys.exit(main())"
+    )
+    command = [sys.executable, "-c", code, "view", "--robot", "arm4", "--port", "0", "--no-browser"]
     quiet = {**os.environ, "PYTHONWARNINGS": "default"}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=quiet)
     try:
