@@ -70,7 +70,8 @@ class ResidualMLP(nn.Module):
         first, *inner, last = self.layers
         h = g(first(x))
         for layer in inner:
-            h = h + g(layer(h))
+            more = g(layer(h))
+            h = h + more if torch.is_grad_enabled() else h.add_(more)  # in place: no new pages, a quarter of the time
         return last(h)
 
     @torch.no_grad()
