@@ -1,4 +1,14 @@
-"""Robots that many tests share."""
+"""Robots and helpers that many tests share."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
 
 BUILTIN = ("arm4", "denso_vp6242", "iiwa14", "kr210", "panda", "puma560", "ur5e")
 
@@ -19,3 +29,55 @@ ZOO = """<?xml version="1.0"?>
   <joint name="finger_joint" type="prismatic"><parent link="b2"/><child link="finger"/><origin xyz="0 0.1 0"/><axis xyz="0 1 0"/><mimic joint="wrist" multiplier="0.01" offset="0.02"/><limit lower="0" upper="0.05" effort="1" velocity="1"/></joint>
 </robot>
 """  # noqa: E501
+
+
+def without_times(values: object) -> object:
+    """A study as JSON, but for what differs from run to run."""
+    if isinstance(values, dict):
+        return {key: without_times(value) for key, value in values.items() if key != "seconds"}
+    return [without_times(value) for value in values] if isinstance(values, list) else values
+
+
+def mistake(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
+    """The one line that a mistake on the command line prints."""
+    from ikgrad.cli.main import main
+
+    assert main(list(argv)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
+
+
+def weights_of(folder: Path) -> dict[str, bytes]:
+    """All weights of a run, by file."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*.safetensors"))}
+
+
+class Killed(BaseException):
+    """Nobody catches it."""
+
+
+def cut_off_at_every_write(
+    train: Callable[[Path], object], parent: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Path]:
+    """Folders of a training that was killed as it moved its first, second, ... file into place, until none is left."""
+    replace = os.replace
+    for n in itertools.count(1):
+        left, folder = n, parent / f"cut-{n}"
+
+        def kill(*arguments: Any) -> None:
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise Killed
+            replace(*arguments)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", kill)
+            try:
+                train(folder)
+                return
+            except Killed:
+                pass
+        yield folder

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support import mistake
 
 import ikgrad as ik
 from ikgrad.cli.main import main
@@ -26,15 +27,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """No file lands in the repository, and no progress lines where a busy machine takes its time."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ikgrad.cli.terminal.PATIENCE", 1000.0)
-
-
-def mistake(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
-    """The one line that a mistake prints."""
-    assert main(list(argv)) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    return err
 
 
 def test_the_command_of_the_page(capsys: pytest.CaptureFixture[str]):

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from support import ZOO
+from support import ZOO, mistake
 
 import ikgrad as ik
 from ikgrad.cli.main import main
@@ -30,15 +30,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """No file lands in the repository, and no progress lines where a busy machine takes its time."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ikgrad.cli.terminal.PATIENCE", 1000.0)
-
-
-def mistake(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
-    """The one line that a mistake prints."""
-    assert main(list(argv)) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    return err
 
 
 def test_one_command_for_a_urdf_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

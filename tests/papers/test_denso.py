@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import pytest
 import torch
+from support import without_times
 
 import ikgrad as ik
 from ikgrad.cli.main import main
@@ -144,12 +145,6 @@ def test_the_command_repeats_the_study_and_writes_its_files(
     assert {path.name for path in out.iterdir()} == set(FILES)
     assert main(command) == 2
     assert "exists already; it is overwritten with --force only" in capsys.readouterr().err
-
-
-def without_times(values: object) -> object:
-    if isinstance(values, dict):
-        return {key: without_times(value) for key, value in values.items() if key != "seconds"}
-    return [without_times(value) for value in values] if isinstance(values, list) else values
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import torch
+from support import without_times
 
 from ikgrad.cli.main import main
 from ikgrad.cli.reproduce import denso, puma
@@ -107,12 +108,6 @@ def cut_off(case: Case, out: Path, stop: signal.Signals) -> tuple[int, str]:
     started.send_signal(stop)
     _, err = started.communicate(timeout=200)
     return started.returncode, err
-
-
-def without_times(values: Any) -> Any:
-    if isinstance(values, dict):
-        return {key: without_times(value) for key, value in values.items() if key != "seconds"}
-    return [without_times(value) for value in values] if isinstance(values, list) else values
 
 
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT])
