@@ -243,7 +243,7 @@ def test_contact_is_said_and_coloured(
 
 
 def test_the_server_prints_nothing_and_listens_on_this_machine_only(capsys: pytest.CaptureFixture[str]):
-    from ikgrad.view.app import stop_server
+    from ikgrad.view.server import stop_server
 
     server = start_server(port=0)
     assert server.get_host() == "127.0.0.1"

@@ -2,13 +2,15 @@
 
 What is shown is computed without viser and can be used and tested without it: `shapes` (the arm as capsules and
 cylinders), `session` (what the arm does for a target, in words), `race` (methods on one target, iterate by iterate),
-`motion` (a file of joints), `obstacles` (spheres, and the clearance to them). `scene`, `panels` and `app` put it into
-viser's page and are all that needs the extra ``[viz]``.
+`motion` (a file of joints), `obstacles` (spheres, and the clearance to them). `scene`, `panels`, `app`, `server`
+and `export` put it into viser's page and are all that needs the extra ``[viz]``.
 """
 
-from ikgrad.view.app import Viewer, export_page, start_server
+from ikgrad.view.app import Viewer
+from ikgrad.view.export import export_page
 from ikgrad.view.motion import Motion, read_motion
 from ikgrad.view.race import Run, race
+from ikgrad.view.server import start_server
 from ikgrad.view.session import Answer, Session
 from ikgrad.view.shapes import Part, arm_parts
 

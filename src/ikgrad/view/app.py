@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import socket
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from ikgrad.collision import Spheres
-from ikgrad.errors import ConfigError, DataError
-from ikgrad.files.places import check_output, in_one_move
 from ikgrad.networks.storage import AnyInverter
 from ikgrad.plots.style import PALETTE
 from ikgrad.rotations import matrix_from_quat_wxyz, quat_wxyz_from_matrix
-from ikgrad.view.motion import FILM, Motion, thinned
+from ikgrad.view.motion import Motion
 from ikgrad.view.obstacles import clearance
 from ikgrad.view.panels import JointPanel, Player, RacePanel, when_clicked, when_moved
 from ikgrad.view.race import Run, race
@@ -36,58 +30,13 @@ from ikgrad.view.scene import (
     camera,
     rgb,
 )
+from ikgrad.view.server import stop_server
 from ikgrad.view.session import GHOSTS, Answer, Session
 from ikgrad.view.shapes import arm_parts
 from ikgrad.view.worker import Worker
 
 REST = 0.2  # seconds without a change before the other solutions are looked for
-PICTURES = 30  # a second, in an exported page
 METHOD_COLOURS = (PALETTE[0], PALETTE[1], PALETTE[2], PALETTE[3])
-
-
-def start_server(*, host: str = "127.0.0.1", port: int = 8080, label: str | None = None) -> Any:
-    """A viser server that listens on exactly this address, prints nothing and opens no tunnel.
-
-    Args:
-        host: address to listen on; the default cannot be reached from other machines.
-        port: 0: any free one.
-        label: title of the controls.
-
-    Returns:
-        The ``viser.ViserServer``; `stop_server` ends it.
-
-    Raises:
-        ConfigError: viser is not installed, or the address cannot be had.
-    """
-    try:
-        import viser
-    except ImportError as error:
-        raise ConfigError(f"the page needs {error.name}; pip install 'ikgrad[viz]'") from error
-    try:  # viser itself would go on to the next port without a word
-        socket.create_server((host, port)).close()
-    except (OSError, OverflowError) as error:
-        raise ConfigError(
-            f"cannot listen on {host}, port {port}: {getattr(error, 'strerror', None) or error}; "
-            "another --port (0: any free one) or --host may help"
-        ) from error
-    with _quiet():
-        server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
-    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]  # nothing leaves this machine
-    server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="large")
-    return server
-
-
-def stop_server(server: Any) -> None:
-    """Close the page's connections and the port."""
-    with _quiet():
-        server.stop()
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Viser greets on stdout, which belongs to the command."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        yield
 
 
 class Viewer:
@@ -338,62 +287,6 @@ class Viewer:
         return schedule
 
 
-def export_page(
-    path: str | Path,
-    session: Session,
-    *,
-    motion: Motion | None = None,
-    spheres: Spheres | None = None,
-    force: bool = False,
-) -> Path:
-    """Write a page that needs no server and no network: the arm with all solutions of its pose, or in motion.
-
-    Args:
-        path: ``.html``.
-        session: the arm.
-        motion: joints to play, 30 rows a second, thinned out to 900 pictures.
-        spheres: obstacles.
-        force: overwrite an existing file.
-
-    Raises:
-        ConfigError: viser is not installed.
-        DataError: it cannot be written.
-    """
-    path = check_output(path, (".html",), force=force)
-    server = start_server(port=0)
-    try:
-        text = _page(server, session, motion, spheres)
-    finally:
-        stop_server(server)
-    try:
-        with in_one_move(path, force=force) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{path}: cannot write the page: {error.strerror or error}") from error
-    return path
-
-
-def _page(server: Any, session: Session, motion: Motion | None, spheres: Spheres | None) -> str:
-    robot = session.robot
-    add_floor(server, robot)
-    if spheres is not None:
-        add_spheres(server, spheres)
-    arm = ArmNodes(server, robot, "/arm")
-    if motion is None:
-        arm.show(session.poses(session.q))
-        add_axes(server, "/target", session.T_target, 0.15 * robot.length)
-        for k, q in enumerate(session.solutions()):
-            if bool((q - session.q).abs().max() > 1e-3):
-                ArmNodes(server, robot, f"/ghosts/{k}", colour=SKY, opacity=0.22).show(session.poses(q))
-        return str(server.get_scene_serializer().as_html())
-    add_path(server, motion.tool_path(robot))
-    recording = server.get_scene_serializer()
-    for q in motion.q[thinned(len(motion.q), FILM)]:
-        arm.show(session.poses(q))
-        recording.insert_sleep(1 / PICTURES)
-    return str(recording.as_html())
-
-
 def _pose(handle: Any) -> Tensor:
     """Where a user has dragged something: (4, 4)."""
     T = torch.eye(4, dtype=torch.float64)
@@ -412,4 +305,4 @@ def _say_count(count: int, *, spare: bool) -> str:
     return f"{at_least}{count} solution{'s' * (count != 1)} found"
 
 
-__all__ = ["Viewer", "export_page", "start_server", "stop_server"]
+__all__ = ["Viewer"]
