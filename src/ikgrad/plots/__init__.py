@@ -8,6 +8,7 @@ from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.evaluation import evaluation_page
+from ikgrad.plots.explore import explore
 from ikgrad.plots.motion import arm_motion, save_motion
 from ikgrad.plots.page import evaluation_html, save_evaluation
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
@@ -25,6 +26,7 @@ __all__ = [
     "curves_in_space",
     "evaluation_html",
     "evaluation_page",
+    "explore",
     "learning_curves",
     "learning_rates",
     "new_figure",
