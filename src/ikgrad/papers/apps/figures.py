@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ikgrad import plots
 from ikgrad.kinematics import forward_kinematics
+from ikgrad.papers.apps.compare import descent_curves
 from ikgrad.papers.apps.study import AppsStudy
 from ikgrad.robot import load_robot
+from ikgrad.solvers.apps import Apps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,6 +47,13 @@ def learning_rate(study: AppsStudy, motion: str = "I-1") -> Figure:
             curves[row.eta] = curve.numpy()
     left = {rate: np.array(values) for rate, values in finals.items()}
     return plots.learning_rates(curves, left, threshold=E0, limit=LIMIT, title=f"motion {motion}")
+
+
+def descent(study: AppsStudy, learning_rate: float, motion: str = "I-1") -> Figure:
+    """E along one motion with any learning rate, for the paper's 1000 iterations."""
+    chosen = [each for each in study.motions if each.name == motion]
+    ((_, curve),) = descent_curves(chosen, replace(Apps.reproduces(), max_steps=LIMIT), [learning_rate])
+    return plots.convergence({motion: curve.numpy()}, threshold=E0)
 
 
 def iterations(study: AppsStudy) -> Figure:

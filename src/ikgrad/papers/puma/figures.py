@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ikgrad import plots
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.papers.puma.path import path_data
 from ikgrad.papers.puma.study import PumaStudy
+from ikgrad.papers.puma.training import Stack, paper_rules
 from ikgrad.robot import load_robot
 
 if TYPE_CHECKING:
@@ -20,6 +22,18 @@ def learning(study: PumaStudy) -> Figure:
     curves = {case.rule.name: (case.curve_epochs.numpy(), case.curve.numpy()) for case in cases}
     literal = study.literal
     curves["eq. (58) as printed"] = (literal.curve_epochs.numpy(), literal.curve.numpy())
+    return plots.learning_curves(curves, ylabel="rms error of the scaled outputs [-]")
+
+
+def with_rate(learning_rate: float, *, seeds: int = 4, epochs: int = 1000) -> Figure:
+    """Error against epoch of the three batch rules on the printed data, all with another learning rate."""
+    curves = {}
+    for rule in paper_rules():
+        if rule.order == "batch":
+            stack = Stack([replace(rule, lr=learning_rate)], seeds, ["printed"])
+            stack.run(epochs)
+            (case,) = stack.results()
+            curves[rule.name] = (case.curve_epochs.numpy(), case.curve.numpy())
     return plots.learning_curves(curves, ylabel="rms error of the scaled outputs [-]")
 
 
