@@ -32,8 +32,32 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 # What takes minutes where a reader has them: the page's text, and what the test runs in its place.
 SHORTER = {"minutes=15": "steps=5"}
 
-# Commands that are run, not only parsed; the others take longer than a test should.
+# Commands of the default tests that are run, not only parsed.
 QUICK = re.compile(r"(robots|sample|fk|solve|doctor|completion)\b|train --config \S+ --hidden")
+# Run by -m slow, on a smaller question; see `shorter`.
+SHORT = re.compile(r"train|evaluate|export|view .*--export")
+# The others, and what runs them instead.
+ELSEWHERE = {
+    r"ikgrad reproduce": "minutes, with small settings in tests/papers",
+    r"ikgrad bench": "minutes, with small settings in tests/test_bench.py",
+    r"ikgrad view": "serves until Ctrl-C: tests/view/test_page.py",
+    r"torchrun": "two processes, tests/training/test_processes.py",
+    r"python scripts/": "minutes, the shorter ones in tests/test_scripts.py; options are compared with the source",
+    r"python -m pytest": "this",
+    r"pip install": "changes the environment; extras are compared with pyproject.toml",
+    r"bash scripts/": "install, then the commands and tests that run here",
+}
+# What the blocks of each language are: all of them are named here.
+LANGUAGES = {
+    "python": "run, page by page",
+    "bash": "commands, above",
+    "console": "commands and what they print, above",
+    "": "commands, or what a program prints",
+    "xml": "written to the file that their first line names",
+    "cpp": "tests/test_cpp.py",
+    "cmake": "tests/test_cpp.py",
+    "sh": "tests/test_cpp.py",
+}
 FOLDERS = r"(?<![\w./-])((?:scripts|tests|docs|notebooks|configs|urdf|src)/[\w./*-]*\w)"
 
 
@@ -53,8 +77,12 @@ def blocks(path: Path, *kinds: str) -> list[str]:
     return [code for kind, code in FENCE.findall(path.read_text()) if kind in kinds]
 
 
-def given_files(folder: Path) -> None:
-    """What the pages call a file of the reader's own."""
+def given_files(folder: Path, page: Path) -> None:
+    """What the pages call a file of the reader's own, and what this one writes out in full."""
+    for code in blocks(page, "xml"):
+        name = re.match(r"<!-- (\S+) -->", code)
+        assert name is not None, "the first line names the file"
+        (folder / name[1]).write_text(code)
     (folder / "arm.urdf").write_text((ROOT / "urdf/ur5e.urdf").read_text())
     (folder / "configs").symlink_to(ROOT / "configs")
     (folder / "mine.yaml").write_text((ROOT / "configs/puma_qp.yaml").read_text())
@@ -105,18 +133,44 @@ def readme(page: dict[str, Any]) -> None:
 
 
 def solving(page: dict[str, Any]) -> None:
-    for name in ("anywhere", "turning", "four", "several"):
-        assert page[name].success.all(), name
-    assert page["target"].grad.abs().max() > 0
-    straight = ik.pose_error(ik.forward_kinematics(page["robot"], page["way"]), page["line"])
-    assert straight.abs().max() < 2e-6
-    assert page["way"].diff(dim=0).abs().max() < 0.05  # no jump
+    assert page["solution"].success.all()
+    assert page["several"].success.all()
+    assert page["solution"].counts() == {"converged": 100}
 
 
 def start(page: dict[str, Any]) -> None:
     assert page["solution"].success.all()
     found = ik.pose_error(ik.forward_kinematics(page["panda"], page["q"]), page["T"])
     assert found[:, :3].norm(dim=-1).median() < 1e-4
+
+
+def gradients(page: dict[str, Any]) -> None:
+    assert page["T"].grad.abs().max() > 0
+    assert page["losses"][-1] < 0.9 * page["losses"][0]
+
+
+def partial_poses(page: dict[str, Any]) -> None:
+    for name in ("anywhere", "turning", "level", "reach", "whole"):
+        assert page[name].success.all(), name
+
+
+def paths(page: dict[str, Any]) -> None:
+    straight = ik.pose_error(ik.forward_kinematics(page["robot"], page["way"]), page["line"])
+    assert straight.abs().max() < 2e-6
+    assert page["way"].diff(dim=0).abs().max() < 0.05  # no jump
+
+
+def urdf(page: dict[str, Any]) -> None:
+    assert page["robot"].joint_names == ("rise", "turn", "bend")
+    assert page["seen_by_lamp"].joint_names == ("turn", "bend")
+    with pytest.raises(ik.RobotError, match=r"choose one with tip=.*: hand, lamp"):
+        ik.load_robot("lift.urdf")
+    T = [ik.forward_kinematics(page[name], page["q"])[2, 3] for name in ("robot", "longer")]
+    assert float(T[1] - T[0]) == pytest.approx(0.1)
+
+
+def calibrate(page: dict[str, Any]) -> None:
+    assert page["offset"].tolist() == pytest.approx([0.002, -0.001, 0.003], abs=1e-8)
 
 
 def training(page: dict[str, Any]) -> None:
@@ -129,6 +183,11 @@ CLAIMS: dict[str, Callable[[dict[str, Any]], None]] = {
     "README.md": readme,
     "docs/collision.md": collision,
     "docs/levenberg-marquardt.md": lambda page: _below(page["loss"], 1e-4),  # 4.6e-6 where it was written
+    "docs/howto/calibrate.md": calibrate,
+    "docs/howto/gradients.md": gradients,
+    "docs/howto/partial.md": partial_poses,
+    "docs/howto/paths.md": paths,
+    "docs/howto/urdf.md": urdf,
     "docs/index.md": start,
     "docs/planning.md": planning,
     "docs/solving.md": solving,
@@ -152,8 +211,8 @@ def check_shapes(code: str, scope: dict[str, Any]) -> None:
 @pytest.mark.parametrize("path", [path for path in PAGES if blocks(path, "python")], ids=name_of)
 def test_the_code_of_a_page_runs_and_gives_what_is_written(path: Path, tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    given_files(tmp_path)
-    if path.name == "export.md":
+    given_files(tmp_path, path)
+    if path.name in ("export.md", "cpp.md"):
         ik.export_inverter(small_inverter(), "panda.onnx")  # the page's own takes a minute
     scope: dict[str, Any] = {}
     for code in blocks(path, "python"):
@@ -208,7 +267,7 @@ COMMANDS = [path for path in PAGES if ikgrad_arguments(path)]
 @pytest.mark.parametrize("path", COMMANDS, ids=name_of)
 def test_commands_are_accepted_and_the_quick_ones_run(path: Path, tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    given_files(tmp_path)
+    given_files(tmp_path, path)
     for words in ikgrad_arguments(path):
         if words[-1] == "--help" or words[0] == "--version":
             assert main(words) == 0
@@ -226,6 +285,63 @@ def test_commands_are_accepted_and_the_quick_ones_run(path: Path, tmp_path: Path
             assert main(["sample", "--robot", args.robot, "--count", "20", "-o", args.poses]) == 0
         if QUICK.match(" ".join(words)):
             assert main(words) == 0, words
+
+
+def shorter(words: list[str]) -> list[str]:
+    """The same command for a moment instead of minutes."""
+    if words[0] == "evaluate":
+        return [*words, "--count", "20"]
+    if words[0] != "train":
+        return words
+    if "--config" in words or "classic" in words:
+        return [*words, "--epochs", "2"]
+    if "--minutes" in words:
+        at = words.index("--minutes")
+        words = words[:at] + words[at + 2 :]
+    rounds = [] if "increment" in words else ["--rounds", "1"]
+    return [*words, *rounds, "--steps", "3", "--checks", "1", "--test-rows", "50", "--threads", "1"]
+
+
+def given_run(words: list[str]) -> None:
+    """The run that a command speaks of, where the page has not trained it before; small, also for ready-made names."""
+    args = build_parser().parse_args(words)
+    folder = Path(args.run)
+    if not folder.exists():
+        robot = ik.load_robot(args.robot, base=args.base, tip=args.tip) if args.robot else ik.load_robot("panda")
+        ik.UnrolledInverter(robot, rounds=1, width=8).save(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("path", COMMANDS, ids=name_of)
+def test_the_long_commands_run_on_a_smaller_question(path: Path, tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given_files(tmp_path, path)
+    if path.name == "view.md":
+        assert main(["sample", "--robot", "panda", "--count", "20", "-o", "poses.csv"]) == 0
+        assert main(["solve", "--robot", "panda", "poses.csv", "-o", "joints.csv"]) == 0
+    for words in ikgrad_arguments(path):
+        line = " ".join(words)
+        if SHORT.match(line) and not QUICK.match(line) and "--help" not in words:
+            if words[0] in ("evaluate", "export"):
+                given_run(words)
+            assert main(shorter(words)) == 0, words
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
+def test_what_is_not_run_here_is_run_elsewhere_or_named(path: Path):
+    kinds = {kind for kind, _ in FENCE.findall(path.read_text())}
+    assert kinds <= set(LANGUAGES), f"blocks that no test reads: {kinds - set(LANGUAGES)}"
+    for line in commands(path):
+        here = re.match(r"ikgrad (--version|\S+ --help)", line) or any(
+            kind.match(line.removeprefix("ikgrad ")) for kind in (QUICK, SHORT)
+        )
+        assert here or any(re.match(start, line) for start in ELSEWHERE), f"nothing runs: {line}"
+
+
+def test_the_tests_that_run_them_exist():
+    for reason in [*ELSEWHERE.values(), *LANGUAGES.values()]:
+        assert all((ROOT / name).exists() for name in re.findall(r"tests/[\w./]*\w", reason)), reason
 
 
 @pytest.mark.parametrize("path", [*PAGES, *NOTEBOOKS], ids=name_of)
@@ -318,9 +434,11 @@ def site_pages(entries: list[Any]) -> list[str]:
     return [page for value in values for page in (site_pages(value) if isinstance(value, list) else [value])]
 
 
-def test_the_navigation_has_every_page_once():
+def test_the_navigation_has_every_page_and_every_notebook_once():
     nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"]
-    assert sorted(site_pages(nav)) == sorted(str(path.relative_to(ROOT / "docs")) for path in PAGES[1:])
+    pages = [str(path.relative_to(ROOT / "docs")) for path in PAGES[1:]]
+    pages += [f"notebooks/{path.stem}.md" for path in NOTEBOOKS]
+    assert sorted(site_pages(nav)) == sorted(pages)
 
 
 def test_the_reference_has_every_public_name():
