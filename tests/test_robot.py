@@ -217,6 +217,7 @@ def joint(name: str, parent: str, child: str, kind: str = "revolute", inside: st
         ("", "not a readable URDF"),
         ("this is no XML", "not a readable URDF"),
         ("<robot name='x'>", "not a readable URDF|has no"),
+        (urdf(joint("j", "a", "b"), '<xacro:hand name="h"/>'), r"is a xacro file; expand it first: xacro bad\.urdf > "),
         (urdf(), "has no joints"),
         (urdf(joint("j", "a", "b"), joint("j", "b", "c")), "joint name 'j' is used more than once"),
         (urdf(joint("j", "a", "b"), links="aab"), "link name 'a' is used more than once"),
@@ -255,6 +256,12 @@ def test_the_parser_logs_nothing_even_when_it_recovers(tmp_path: Path, caplog):
     with caplog.at_level(logging.DEBUG):
         assert ik.load_robot(path).dof == 1
     assert not caplog.records
+
+
+def test_what_xacro_left_in_comments_does_no_harm(tmp_path: Path):
+    path = tmp_path / "expanded.urdf"
+    path.write_text(urdf(joint("j", "a", "b"), "<!-- <xacro:hand/> -->", links="ab"))
+    assert ik.load_robot(path).dof == 1
 
 
 def test_unknown_names_come_with_the_nearest_match(zoo_path: Path):

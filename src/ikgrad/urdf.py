@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,23 +43,32 @@ def parse(path: Path) -> yourdfpy.urdf.Robot:
     """
     if not path.is_file():
         raise RobotError(f"{path}: no such file (and no built-in robot of that name; `ikgrad robots` lists them)")
+    _refuse_xacro(path)
     with no_collection():
         import yourdfpy
 
     try:
-        with open(path, "rb"), _quiet(), np.errstate(all="ignore"):
+        with _quiet(), np.errstate(all="ignore"):
             urdf = yourdfpy.URDF.load(
                 str(path),
                 load_meshes=False,
                 build_scene_graph=False,
                 filename_handler=yourdfpy.filename_handler_null,
             )
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # the parser raises whatever the broken text leads it into
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise RobotError(f"{path}: not a readable URDF ({reason})") from error
     return urdf.robot
+
+
+def _refuse_xacro(path: Path) -> None:
+    """Macros that are not expanded would be skipped by the parser, and links with them."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
+        raise RobotError(f"{path}: is a xacro file; expand it first: xacro {path.name} > arm.urdf")
 
 
 @contextlib.contextmanager
