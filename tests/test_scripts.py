@@ -40,3 +40,9 @@ def test_the_stages_of_learning_go_on_where_they_stopped(tmp_path: Path):
     assert re.findall(r"arm4\|4\|0\.002\|[a-z ]+", again) == ["arm4|4|0.002|no network "]
     assert again.count(" % |\n") == 8
     assert picture.stat().st_size > 10_000
+
+
+def test_trajectories_are_timed_beside_scipy():
+    printed = run("scripts/bench_trajectories.py", "--trajectories", "5", "--times", "10", "--rounds", "2")
+    assert printed.count(" ms") == 12
+    assert printed.count(" of ours") == 4
