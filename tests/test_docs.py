@@ -376,7 +376,12 @@ def test_scripts_have_the_options_that_are_named(path: Path):
 def test_extras_that_are_named_exist():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     sources = [*PAGES, *(ROOT / "src").rglob("*.py")]
-    named = {(name_of(path), extra) for path in sources for extra in re.findall(r"ikgrad\[(\w+)\]", path.read_text())}
+    named = {
+        (name_of(path), extra)
+        for path in sources
+        for several in re.findall(r"ikgrad\[([\w,]+)\]", path.read_text())
+        for extra in several.split(",")
+    }
     assert {extra for _, extra in named} <= set(extras), named
     assert set(re.findall(r"`\[(\w+)\]`", (ROOT / "README.md").read_text())) <= set(extras)
 
