@@ -22,8 +22,11 @@ import ikgrad as ik
 def main() -> None:
     """Print one line a job."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, default in (("trajectories", 1000), ("points", 8), ("joints", 7), ("times", 200), ("rounds", 15)):
-        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--trajectories", type=int, default=1000)
+    parser.add_argument("--points", type=int, default=8)
+    parser.add_argument("--joints", type=int, default=7)
+    parser.add_argument("--times", type=int, default=200)
+    parser.add_argument("--rounds", type=int, default=15)
     options = parser.parse_args()
     jobs, beside = make_jobs(options)
     rounds = {name: [] for name in jobs}
