@@ -8,9 +8,9 @@ from ikgrad.plots.arm import arm_path
 from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.evaluation import evaluation_page
-from ikgrad.plots.explore import explore
 from ikgrad.plots.motion import arm_motion, save_motion
 from ikgrad.plots.page import evaluation_html, save_evaluation
+from ikgrad.plots.sliders import explore
 from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
 from ikgrad.plots.sweep import save_sweep, swept_arm
 from ikgrad.plots.tracking import closeups, curves_in_space, traces

@@ -11,7 +11,7 @@ import pytest
 
 import ikgrad as ik
 from ikgrad import plots
-from ikgrad.plots.explore import WIDGET, Explorer
+from ikgrad.plots.sliders import WIDGET, Explorer
 
 
 def line(slope: float = 1.0, points: int = 5) -> Any:
