@@ -21,7 +21,7 @@ LAYERS = [
     {"kinematics", "engine"},
     {"solvers", "collision", "data", "files"},
     {"networks", "planning"},
-    {"training", "export"},
+    {"training", "export", "jobs"},
     {"evaluation"},
     {"papers", "plots", "bench"},
     {"view"},
