@@ -70,3 +70,9 @@ class PlanningError(IkgradError, RuntimeError):
     def __init__(self, message: str, result: OptimizedTrajectory):
         super().__init__(message)
         self.result = result
+
+
+def describe(error: OSError) -> str:
+    """What the system says, with the file that it says it of."""
+    reason = error.strerror or str(error)
+    return f"{error.filename}: {reason}" if error.filename else f"cannot write: {reason}"

@@ -18,8 +18,8 @@ from typing import Any
 from ikgrad import __version__
 from ikgrad.cli import bench, completion, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train, view
 from ikgrad.cli.parsing import Parser, example
-from ikgrad.cli.terminal import Interrupted, describe, note
-from ikgrad.errors import IkgradError
+from ikgrad.cli.terminal import Interrupted, note
+from ikgrad.errors import IkgradError, describe
 
 COMMANDS = (
     robots,

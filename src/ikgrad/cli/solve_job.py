@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import time
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,18 +15,18 @@ import torch
 
 import ikgrad
 from ikgrad import __version__
-from ikgrad.cli.terminal import Interrupted, Progress, describe
-from ikgrad.errors import DataError, IkgradError
+from ikgrad.cli.terminal import Interrupted, Progress
+from ikgrad.errors import DataError, IkgradError, describe
 from ikgrad.files import JointFile, PartialRun, PoseFile, joint_writer
-from ikgrad.files.poses import ROTATION_TOLERANCE, Targets
-from ikgrad.files.writers import Columns, text_column
+from ikgrad.files.joints import REASONS
+from ikgrad.files.poses import Targets
+from ikgrad.files.writers import Columns, decoded
+from ikgrad.jobs.answers import HIDDEN, Summary, answer_columns
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.solvers.solve import solve_ik
 
 if TYPE_CHECKING:
     from ikgrad.robot import Robot
-
-HIDDEN = "deviation"  # kept in the parts for the summary, no column of the output
 
 
 class Pace:
@@ -121,25 +120,10 @@ class Job:
             T, deviation = targets.T[rows], targets.deviation[rows]
             with self._pace:
                 solution = solve_ik(self.robot, T, q0=start, **self.settings)
-            pieces.append(self._columns(solution, first + done, deviation))
+            pieces.append(answer_columns(solution, deviation, first=first + done))
             progress.advance(len(T))
             done += len(T)
         return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
-
-    def _columns(self, solution: Any, first: int, deviation: torch.Tensor) -> Columns:
-        k, count = self.settings["solutions"], len(deviation)
-        columns: Columns = {}
-        if k > 1:
-            columns["row"] = np.repeat(np.arange(first, first + count), k)
-            columns["solution"] = np.tile(np.arange(k), count)
-        columns["q"] = solution.q.reshape(-1, self.robot.dof).numpy()
-        columns["position_error_m"] = solution.position_error.reshape(-1).numpy()
-        columns["rotation_error_rad"] = solution.rotation_error.reshape(-1).numpy()
-        columns["success"] = solution.success.reshape(-1).numpy()
-        columns["reason"] = text_column(solution.reason.reshape(-1))
-        columns["steps"] = solution.steps.reshape(-1).numpy()
-        columns[HIDDEN] = np.repeat(deviation.numpy(), k)
-        return columns
 
     def assemble(self, run: PartialRun, output: Path, *, force: bool, keep: Columns | None) -> Summary:
         """Put the parts together, in order.
@@ -159,51 +143,12 @@ class Job:
                 writer.append(columns)
                 if keep is not None:
                     for name in ("position_error_m", "rotation_error_rad", "steps", "reason"):
-                        kept.setdefault(name, []).append(columns[name])
+                        kept.setdefault(name, []).append(
+                            decoded(columns[name], REASONS) if name == "reason" else columns[name]
+                        )
         if keep is not None:
             keep.update({name: np.concatenate(parts) for name, parts in kept.items()})
         return summary
-
-
-@dataclass
-class Summary:
-    """Counts over all rows. With several solutions a pose counts as solved if it has at least one."""
-
-    solutions: int
-    poses: int = 0
-    solved: int = 0
-    found: int = 0  # solutions, over all poses
-    failed: Counter[str] = field(default_factory=Counter)
-    worst_position: float = 0.0  # among the solved [m]
-    worst_rotation: float = 0.0  # [rad]
-    not_finite: int = 0
-    not_rigid: int = 0  # invalid: finite, but no rigid transform
-    repaired: int = 0
-    worst_deviation: float = 0.0  # max |R^T R - I| among those two
-    mirrored: int = 0  # of the not rigid: mirrored, or the last row is not 0 0 0 1
-
-    def add(self, columns: Columns, deviation: np.ndarray) -> None:
-        """Count the rows of a part."""
-        success, reason = columns["success"], columns["reason"]
-        self.found += int(success.sum())
-        solved = np.logical_or.reduce(success.reshape(-1, self.solutions), axis=1)
-        self.poses += len(solved)
-        self.solved += int(solved.sum())
-        first_reason = reason.reshape(-1, self.solutions)[:, 0]
-        self.failed.update(first_reason[~solved].tolist())
-        if success.any():
-            self.worst_position = max(self.worst_position, float(columns["position_error_m"][success].max()))
-            self.worst_rotation = max(self.worst_rotation, float(columns["rotation_error_rad"][success].max()))
-        self._add_deviation(deviation[:: self.solutions], first_reason == "invalid_target")
-
-    def _add_deviation(self, deviation: np.ndarray, invalid: np.ndarray) -> None:
-        off = np.nan_to_num(deviation, nan=0.0) > ROTATION_TOLERANCE
-        self.not_finite += int(np.isnan(deviation).sum())
-        self.not_rigid += int((off & invalid).sum())
-        self.mirrored += int(np.isinf(deviation).sum())
-        self.repaired += int((off & ~invalid).sum())
-        measured = deviation[off & np.isfinite(deviation)]
-        self.worst_deviation = max([self.worst_deviation, *measured.tolist()])
 
 
 @contextlib.contextmanager

@@ -80,12 +80,6 @@ def note(text: str) -> None:
     print(f"ikgrad: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
-def describe(error: OSError) -> str:
-    """What the system says, with the file that it says it of."""
-    reason = error.strerror or str(error)
-    return f"{error.filename}: {reason}" if error.filename else f"cannot write: {reason}"
-
-
 class Progress:
     """Progress on stderr for work that takes over two seconds: a bar on a terminal, else a line every few seconds.
 

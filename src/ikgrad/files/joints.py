@@ -23,9 +23,11 @@ from ikgrad.files.parquet_table import ParquetTable
 from ikgrad.files.places import check_input
 from ikgrad.files.writers import SUFFIXES, Columns, Writer, open_writer
 from ikgrad.robot import Robot
+from ikgrad.solvers.solution import Reason
 
 PLACES = ("row", "solution")  # row: index of the pose in its file, from 0
 RESULTS = ("position_error_m", "rotation_error_rad", "success", "reason", "steps")
+REASONS = tuple(reason.name for reason in Reason)  # what the numbers of a column ``reason`` stand for
 OUT_SUFFIXES = (".csv", ".npz", ".parquet")
 CHUNK = 65_536
 
@@ -104,7 +106,10 @@ class JointWriter:
         self._writer, self._names, self._matrix = writer, joint_names, matrix
 
     def append(self, columns: Columns) -> None:
-        """Add rows: ``q`` (k, n) and any of `PLACES` and `RESULTS`, each (k,), in the order of the file."""
+        """Add rows: ``q`` (k, n) and any of `PLACES` and `RESULTS`, each (k,), in the order of the file.
+
+        ``reason`` is a word, or a number of `ikgrad.solvers.solution.Reason`.
+        """
         if self._matrix:
             self._writer.append(columns)
             return
@@ -139,7 +144,7 @@ def joint_writer(
     matrix = path.suffix.lower() == ".npz"
     check_joint_names(path, robot)
     names = {"joint_names": np.array(robot.joint_names)}
-    with open_writer(path, force=force, folder=folder, constants=names) as writer:
+    with open_writer(path, force=force, folder=folder, constants=names, words={"reason": REASONS}) as writer:
         yield JointWriter(writer, robot.joint_names, matrix)
 
 

@@ -11,6 +11,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import IO, Any
 
 GRACE = 5.0  # seconds to leave properly once the driver is gone
@@ -47,7 +48,7 @@ class _Conversation:
         threading.Thread(target=self._listen, daemon=True).start()
         _set_threads(threads)
         if self._answer("ready", task.warm_up):
-            while (name := self._names.get()) is not None and self._answer("done", lambda name=name: task(name)):
+            while (name := self._names.get()) is not None and self._answer("done", partial(task, name)):
                 pass
 
     def _listen(self) -> None:
