@@ -16,7 +16,21 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from ikgrad import __version__
-from ikgrad.cli import bench, completion, doctor, evaluate, export, fk, reproduce, robots, sample, solve, train, view
+from ikgrad.cli import (
+    bench,
+    completion,
+    doctor,
+    evaluate,
+    export,
+    fk,
+    merge,
+    reproduce,
+    robots,
+    sample,
+    solve,
+    train,
+    view,
+)
 from ikgrad.cli.parsing import Parser, example
 from ikgrad.cli.terminal import Interrupted, note
 from ikgrad.errors import IkgradError, describe
@@ -26,6 +40,7 @@ COMMANDS = (
     fk,
     sample,
     solve,
+    merge,
     train,
     evaluate,
     export,

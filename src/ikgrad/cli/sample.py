@@ -6,11 +6,16 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
+from ikgrad.cli.folders import FOLDER_OPTIONS, add_folder_options, refuse_options
 from ikgrad.cli.parsing import Commands, add_robot_options, count, example, seed
 from ikgrad.cli.terminal import Progress, print_json
 from ikgrad.errors import ConfigError
 
 CHUNK = 16_384
+
+FOLDER = """\
+POSES without a suffix is a folder of Parquet files, of any size in all, made by several processes. Each file has
+random numbers of its own, so the poses are others than those of a single file with the same seed."""
 
 
 def add(commands: Commands) -> None:
@@ -19,24 +24,38 @@ def add(commands: Commands) -> None:
     parser = commands.add_parser(
         "sample",
         help=text,
-        description=f"{text}. The same seed gives the same poses.",
-        epilog=example("ikgrad sample --robot panda --count 1000 --seed 0 -o poses.csv --joints q.csv"),
+        description=f"{text}. The same seed gives the same poses.\n\n{FOLDER}",
+        epilog=example(
+            "ikgrad sample --robot panda --count 1000 --seed 0 -o poses.csv --joints q.csv\n"
+            "ikgrad sample --robot panda --count 10000000 -o poses/"
+        ),
     )
     add_robot_options(parser)
     parser.add_argument("--count", type=count, required=True, metavar="N", help="how many poses")
     parser.add_argument("--seed", type=seed, default=0, help="of the random numbers (default 0)")
     parser.add_argument("--sobol", action="store_true", help="a scrambled Sobol sequence: more even than random")
     parser.add_argument(
-        "-o", "--output", required=True, metavar="POSES", help="pose file: CSV, NPY, NPZ or Parquet, by suffix"
+        "-o", "--output", required=True, metavar="POSES", help="CSV, NPY, NPZ or Parquet, by suffix; or a folder"
     )
-    parser.add_argument("--joints", metavar="JOINTS", help="also write the configurations: CSV, NPZ or Parquet")
+    parser.add_argument("--joints", metavar="JOINTS", help="also write the configurations; likewise")
     parser.add_argument("--force", action="store_true", help="overwrite existing outputs")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
+    add_folder_options(parser)
+    parser.add_argument(
+        "--partition-rows", type=count, metavar="ROWS", help="poses of each file of a folder (default 250000)"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with a folder that was begun")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the files."""
+    """Write the files, or the folders."""
+    if not Path(args.output).suffix or Path(args.output).is_dir():
+        from ikgrad.cli import sample_folder
+
+        return sample_folder.run(args)
+    only = [*FOLDER_OPTIONS, "partition_rows", "resume"]
+    refuse_options(args, only, "is for a folder of poses; POSES has a suffix, so it is a file")
     from ikgrad.data import sample_configurations
     from ikgrad.files import check_output, joint_writer, pose_writer
     from ikgrad.files.joints import OUT_SUFFIXES, check_joint_names

@@ -7,14 +7,17 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ikgrad.cli.folders import FOLDER_OPTIONS, add_folder_options, refuse_options
 from ikgrad.cli.parsing import Commands, add_robot_options, count, example, mask, positive, seed
+from ikgrad.cli.solve_report import bad_targets, summary_document, summary_rows
 from ikgrad.cli.terminal import Progress, duration, print_json, print_table
-from ikgrad.errors import ConfigError
+from ikgrad.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ikgrad.cli.solve_job import Job, Summary
+    from ikgrad.cli.solve_job import Job
+    from ikgrad.jobs.answers import Summary
 
 SOLVERS = {"lm": "LevenbergMarquardt", "apps": "Apps", "newton": "NewtonRaphson", "puma560": "Puma560ClosedForm"}
 # The slow methods are interrupted at a smaller loss.
@@ -26,7 +29,10 @@ inverse kinematics for a file of poses: one row of joint values per pose, with e
 POSES is CSV or Parquet with the columns x_m,y_m,z_m,qw,qx,qy,qz, or NPY or NPZ with (N, 4, 4) matrices.
 A pose that cannot be solved is no error: its row says why (unreachable, joint_limits, no_convergence,
 invalid_target) and the exit status is 0. The exit status is 2 for a mistake and 130 for Ctrl-C, which keeps
-what is finished in OUTPUT.partial; the same command with --resume goes on from there."""
+what is finished in OUTPUT.partial; the same command with --resume goes on from there.
+
+A folder of Parquet files as POSES gives a folder of Parquet files of the same names as JOINTS, by as many processes
+as there are cores, by a Ray cluster, or by the shards of a job array. Finished files are kept whatever happens."""
 
 
 def add(commands: Commands) -> None:
@@ -37,12 +43,15 @@ def add(commands: Commands) -> None:
         description=DESCRIPTION,
         epilog=example(
             "ikgrad solve --robot panda poses.csv -o joints.csv\n"
-            "ikgrad solve --robot arm.urdf --tip tool0 poses.npy -o joints.parquet --solutions 4 --plot report.png"
+            "ikgrad solve --robot arm.urdf --tip tool0 poses.npy -o joints.parquet --solutions 4 --plot report.png\n"
+            "ikgrad solve --robot panda poses/ -o joints/"
         ),
     )
     add_robot_options(parser)
-    parser.add_argument("poses", metavar="POSES", help="pose file: CSV, NPY, NPZ or Parquet")
-    parser.add_argument("-o", "--output", required=True, metavar="JOINTS", help="CSV, NPZ or Parquet, by suffix")
+    parser.add_argument("poses", metavar="POSES", help="pose file: CSV, NPY, NPZ or Parquet; or a folder")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="JOINTS", help="CSV, NPZ or Parquet, by suffix; or a folder"
+    )
     _add_method(parser)
     parser.add_argument("--repair", action="store_true", help="replace what is no rotation by the nearest rotation")
     parser.add_argument("--force", action="store_true", help="overwrite existing outputs")
@@ -52,6 +61,7 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--plot", metavar="FILE", help="also draw errors, steps and reasons (PNG or SVG)")
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON document")
+    add_folder_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -68,7 +78,15 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Solve the file, write the joints, print the summary."""
+    """Solve the file or the folder, write the joints, print the summary."""
+    poses = Path(args.poses)
+    if poses.is_dir():
+        from ikgrad.cli import solve_folder
+
+        return solve_folder.run(args, _settings(args))
+    if not poses.exists() and not poses.suffix:
+        raise DataError(f"{poses}: no such file or folder")
+    refuse_options(args, FOLDER_OPTIONS, "is for a folder of poses, and POSES is a file")
     output = _check_places(args)
     from ikgrad.cli.solve_job import keeping
     from ikgrad.files import PartialRun
@@ -112,7 +130,20 @@ def _job(args: argparse.Namespace, output: Path) -> Job:
 
     robot = ik.load_robot(args.robot, base=args.base, tip=args.tip)
     check_joint_names(output, robot)
-    settings: dict[str, Any] = {
+    return Job(
+        robot=robot,
+        poses=open_poses(args.poses, repair=args.repair),
+        q0=open_joints(args.q0, robot) if args.q0 else None,
+        settings=_settings(args),
+        chunk=args.chunk or max(1, CHUNK[args.solver] // args.solutions),
+    )
+
+
+def _settings(args: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `ikgrad.solve_ik`."""
+    import ikgrad as ik
+
+    return {
         "solver": getattr(ik, SOLVERS[args.solver])(),
         "solutions": args.solutions,
         "tol_pos": args.tol_pos,
@@ -121,13 +152,6 @@ def _job(args: argparse.Namespace, output: Path) -> Job:
         "mask": args.mask,
         "seed": args.seed,
     }
-    return Job(
-        robot=robot,
-        poses=open_poses(args.poses, repair=args.repair),
-        q0=open_joints(args.q0, robot) if args.q0 else None,
-        settings=settings,
-        chunk=args.chunk or max(1, CHUNK[args.solver] // args.solutions),
-    )
 
 
 def _plot(arrays: dict[str, np.ndarray], args: argparse.Namespace, job: Job) -> None:
@@ -141,62 +165,14 @@ def _plot(arrays: dict[str, np.ndarray], args: argparse.Namespace, job: Job) -> 
 
 def _report(args: argparse.Namespace, job: Job, summary: Summary, rate: float, seconds: float) -> None:
     if args.json:
-        print_json(_document(args, job, summary, rate, seconds))
+        about = {"robot": job.robot.name, "solver": args.solver, **summary_document(summary)}
+        speed = {"poses_per_second": rate, "seconds": seconds}
+        print_json({**about, **speed, "output": args.output, "plot": args.plot})
         return
-    rows = [["solved", f"{summary.solved:,} of {summary.poses:,} ({100 * summary.solved / summary.poses:.2f} %)"]]
-    if args.solutions > 1:
-        rows.append(["solutions found", f"{summary.found:,}, {summary.found / summary.poses:.2f} per pose"])
-    rows += [[f"failed: {reason}", f"{number:,}"] for reason, number in summary.failed.most_common()]
-    if summary.solved:
-        worst = f"{summary.worst_position:.2g} m, {summary.worst_rotation:.2g} rad"
-        rows.append(["worst errors of the solved", worst])
+    rows = summary_rows(summary)
     rows += [["speed", f"{rate:,.0f} poses/s"], ["time", duration(seconds)], ["written", args.output]]
     if args.plot:
         rows.append(["drawn", args.plot])
     print_table(f"ikgrad solve: {job.robot.name}, {args.solver}", ["", ""], rows)
-    for line in _bad_targets(summary, args.repair):
+    for line in bad_targets(summary, args.repair):
         print(line)
-
-
-def _bad_targets(summary: Summary, repair: bool) -> list[str]:
-    lines = []
-    worst = f"max |R^T R - I| up to {summary.worst_deviation:.3g}"
-    if summary.not_finite:
-        lines.append(f"{_poses(summary.not_finite)} not finite or have a number missing.")
-    bent = summary.not_rigid - summary.mirrored
-    if bent:
-        advice = "; no rotation is near enough to repair them." if repair else "; --repair projects them."
-        lines.append(f"{_poses(bent)} no rotation: {worst}{advice}")
-    if summary.mirrored:
-        lines.append(f"{_poses(summary.mirrored)} mirrored, or without 0 0 0 1 as last row (transposed?).")
-    if summary.repaired:
-        lines.append(f"{_poses(summary.repaired)} repaired: {worst}.")
-    return lines
-
-
-def _poses(number: int) -> str:
-    return "1 pose is" if number == 1 else f"{number:,} poses are"
-
-
-def _document(args: argparse.Namespace, job: Job, summary: Summary, rate: float, seconds: float) -> dict[str, Any]:
-    return {
-        "robot": job.robot.name,
-        "solver": args.solver,
-        "poses": summary.poses,
-        "solved": summary.solved,
-        "solutions_found": summary.found,
-        "failed": dict(summary.failed),
-        "worst_position_error_m": summary.worst_position,
-        "worst_rotation_error_rad": summary.worst_rotation,
-        "poses_per_second": rate,
-        "seconds": seconds,
-        "invalid": {
-            "not_finite": summary.not_finite,
-            "no_rigid_transform": summary.not_rigid,
-            "mirrored_or_wrong_last_row": summary.mirrored,
-            "repaired": summary.repaired,
-            "worst_deviation": summary.worst_deviation,
-        },
-        "output": args.output,
-        "plot": args.plot,
-    }

@@ -35,12 +35,13 @@ class ParquetTable:
         path: the file.
         wanted: columns to read, in this order.
         ignored: columns that may be there too and are not read.
+        empty: a file without rows is welcome.
 
     Raises:
         DataError: not a Parquet file, a wrong column, a column that holds no numbers, no rows.
     """
 
-    def __init__(self, path: Path, wanted: Sequence[str], ignored: Collection[str] = ()):
+    def __init__(self, path: Path, wanted: Sequence[str], ignored: Collection[str] = (), *, empty: bool = False):
         self.path, self.wanted = path, list(wanted)
         pa, _ = pyarrow_parquet(path)
         with self._open() as file:
@@ -50,7 +51,7 @@ class ParquetTable:
             kind = schema.field(name).type
             if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
                 raise DataError(f"{path}: column '{name}' must hold numbers, got {kind}")
-        if not self.total:
+        if not self.total and not empty:
             raise DataError(f"{path}: has columns but no rows")
 
     def chunks(self, rows: int) -> Iterator[np.ndarray]:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import os
+import platform
+import re
 import tempfile
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from ikgrad.errors import DataError
+
+HOST = re.sub(r"[^A-Za-z0-9-]", "-", platform.node())[:24] or "host"  # in names of temporary files, on shared folders
 
 
 def check_input(path: Path, suffixes: Collection[str]) -> None:
@@ -88,7 +92,7 @@ def in_one_move(path: Path, *, force: bool = False, folder: Path | None = None) 
     Yields:
         The temporary file's path (with the suffix of ``path``); nothing exists there yet.
     """
-    temporary = (folder or path.parent) / f".{path.stem}.{os.getpid()}.tmp{path.suffix}"
+    temporary = (folder or path.parent) / f".{path.stem}.{HOST}.{os.getpid()}.tmp{path.suffix}"
     try:
         yield temporary
         with open(temporary, "rb") as file:
