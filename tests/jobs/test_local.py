@@ -4,31 +4,16 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from pathlib import Path
 
 import pytest
+from job_folders import alive, wait_until
 from job_tasks import Noting
 
 from ikgrad.errors import ConfigError, DataError
 from ikgrad.jobs import run_local
 
 NAMES = ["a", "bb", "ccc", "with space", "näme"]
-
-
-def alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
-def wait_until(condition, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it does not happen"
-        time.sleep(0.02)
 
 
 def test_every_partition_is_done_once_by_processes_of_the_team(tmp_path: Path):

@@ -112,7 +112,7 @@ class JobFolder:
 
     def _refuse_strangers(self) -> None:
         for entry in sorted(os.listdir(self.path)):
-            if not entry.startswith("."):
+            if not entry.startswith(".") and not (self.path / JOB).exists():  # another process may just have come
                 raise DataError(f"{self.path}: holds '{entry}' and no job; choose a new or an empty folder")
 
     def _describe(self, job: Job) -> None:

@@ -7,7 +7,7 @@ import hashlib
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from ikgrad.files.places import in_one_move
 from ikgrad.files.writers import Columns, ParquetWriter, Words
@@ -66,7 +66,7 @@ class PartitionWriter:
         sha256: of what was written, which is more than what a second look would find there.
     """
 
-    def __init__(self, path: Path, file: Any, clock: Clock, words: Words | None):
+    def __init__(self, path: Path, file: IO[bytes], clock: Clock, words: Words | None):
         self.rows, self.bytes, self.sha256 = 0, 0, ""
         self._clock, self._sink = clock, _HashedFile(file)
         self._writer = ParquetWriter(path, words, sink=self._sink)
@@ -105,7 +105,7 @@ def partition_writer(path: Path, clock: Clock, words: Words | None = None) -> It
     try:
         with (
             in_one_move(path, force=True) as temporary,
-            open(temporary, "wb", buffering=0) as file,
+            open(temporary, "wb") as file,
             contextlib.closing(PartitionWriter(path, file, clock, words)) as writer,
         ):
             yield writer
@@ -121,7 +121,7 @@ class _HashedFile:
 
     closed = False
 
-    def __init__(self, file: Any):
+    def __init__(self, file: IO[bytes]):
         self._file, self.hash, self.bytes, self.seconds = file, hashlib.sha256(), 0, 0.0
 
     def write(self, data: bytes) -> int:
