@@ -18,11 +18,16 @@ import ikgrad as ik
 from ikgrad.jobs.manifest import finish
 
 NAMES = [f"p{k}" for k in range(5)]
-COMMAND = (
-    "import signal, sys\nimport ikgrad.jobs.solving\nfrom job_gate import GatedSolve\nfrom ikgrad.cli.main import main\n"
-    "signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it\n"
-    "ikgrad.jobs.solving.SolveTask = GatedSolve\nsys.exit(main())"
-)
+COMMAND = """
+import signal, sys
+import ikgrad.jobs.solving
+from job_gate import GatedSolve
+from ikgrad.cli.main import main
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it
+ikgrad.jobs.solving.SolveTask = GatedSolve
+sys.exit(main())
+"""
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 

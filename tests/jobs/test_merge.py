@@ -112,7 +112,7 @@ def test_a_merge_that_is_killed_anywhere_can_be_called_again(place: Path, monkey
             except Killed:
                 continue
         break
-    assert stop > 4
+    assert stop > 2  # every call comes a little further
     merge(shards(place), place / "out", copy=copy)
     for path in (place / "out").rglob(".*.tmp*"):  # of this process, which was not really killed
         real(path) if system_call == "unlink" else path.unlink()
@@ -166,7 +166,7 @@ def test_other_jobs_are_refused(place: Path, robot):
 
 def test_strange_partitions_and_folders_without_a_job_are_refused(place: Path):
     (place / "s1/z.parquet").write_bytes(b"")
-    refused(place, shards(place), "s1: partition 'z' is no part of this job; move it elsewhere")
+    refused(place, shards(place), "s1: partition 'z' is no part of this job and must not lie there")
     refused(place, [place / "poses"], r"poses: holds no job \(_job\.json is not there\)")
     refused(place, [place / "poses", place / "s2"], "poses: holds no job")
 

@@ -22,7 +22,8 @@ def run(args: argparse.Namespace) -> int:
     if joints is not None and joints.path.resolve() == output.path.resolve():
         raise ConfigError("-o and --joints name the same folder")
     robot = load_robot(args.robot, base=args.base, tip=args.tip)
-    task = SampleTask(robot, output, joints, args.count, args.partition_rows or ROWS, args.seed)
+    places = output.absolute(), joints.absolute() if joints else None
+    task = SampleTask(robot, *places, args.count, args.partition_rows or ROWS, args.seed)
     outputs = [(output, task.job("poses"))] + ([(joints, task.job("joints"))] if joints else [])
     done = run_folders(args, "sample", task, outputs)
     if args.json:

@@ -28,8 +28,8 @@ def run(args: argparse.Namespace, settings: dict[str, Any]) -> int:
     from ikgrad.robot import load_robot
 
     robot = load_robot(args.robot, base=args.base, tip=args.tip)
-    check_joint_names(output.path, robot)
-    task = SolveTask(robot, poses, output, settings, args.repair)
+    check_joint_names(output.path, robot, advice="solve its files one by one, into .npz files")
+    task = SolveTask(robot, poses.absolute(), output.absolute(), settings, args.repair)
     done = run_folders(args, "solve", task, [(output, task.job())])
     summary = summary_of(done.records) or Summary(args.solutions)
     if args.json:

@@ -148,8 +148,8 @@ def joint_writer(
         yield JointWriter(writer, robot.joint_names, matrix)
 
 
-def check_joint_names(path: Path, robot: Robot) -> None:
+def check_joint_names(path: Path, robot: Robot, *, advice: str = "write a .npz file instead") -> None:
     """Refuse, for tables with one column per joint, joints that are named like a column of results."""
     both = set(robot.joint_names) & {*PLACES, *RESULTS}
     if both and path.suffix.lower() != ".npz":
-        raise DataError(f"{path}: joint '{min(both)}' is named like a column of results; write a .npz file instead")
+        raise DataError(f"{path}: joint '{min(both)}' is named like a column of results; {advice}")

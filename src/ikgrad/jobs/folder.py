@@ -18,6 +18,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,6 +48,10 @@ class JobFolder:
 
     path: Path
 
+    def absolute(self) -> JobFolder:
+        """The same place for processes that stand elsewhere."""
+        return JobFolder(self.path.absolute())
+
     def partition(self, name: str) -> Path:
         """Where a partition lies."""
         return self.path / f"{name}{SUFFIX}"
@@ -55,6 +60,18 @@ class JobFolder:
         return self.path / RECORDS / f"{name}.json"
 
     # ------------------------------------------------------------ the job
+
+    def job(self) -> Job:
+        """The description, read again only if it is another file than last time.
+
+        Raises:
+            DataError: there is none.
+        """
+        path = self.path / JOB
+        if not path.exists():
+            return self.read_job()  # which says what is wrong
+        stat = path.stat()
+        return _read_once(self.absolute(), (stat.st_ino, stat.st_mtime_ns, stat.st_size))
 
     def read_job(self) -> Job:
         """The description that is there.
@@ -208,6 +225,11 @@ class JobFolder:
         if not (self.path / JOB).exists():
             with contextlib.suppress(OSError):  # there is something in it that is not ours
                 (self.path / RECORDS).rmdir()
+
+
+@lru_cache(maxsize=4)
+def _read_once(folder: JobFolder, _stamp: tuple[int, ...]) -> Job:
+    return folder.read_job()
 
 
 def job_differences(before: Job, now: Job) -> list[str]:

@@ -91,9 +91,7 @@ def _one_job(places: Sequence[JobFolder]) -> Job:
             raise DataError(f"{place.path}: is a shard of another job than {places[0].path}: {'; '.join(differs)}")
         strange = [name for name in list_names_or_none(place.path) if name not in job["partitions"]]
         if strange:
-            raise DataError(
-                f"{place.path}: {_some(strange)} no part of this job; move {'it' if len(strange) == 1 else 'them'} elsewhere"
-            )
+            raise DataError(f"{place.path}: {_some(strange)} no part of this job and must not lie there")
     return jobs[0]
 
 

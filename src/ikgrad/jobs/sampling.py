@@ -70,7 +70,7 @@ class SampleTask:
 
     def warm_up(self) -> None:
         """Load the kernels and the robot's tables."""
-        check_machine(self.poses.read_job())
+        check_machine(self.poses.job())
         forward_kinematics(self.robot, sample_configurations(self.robot, 1, seed=0))
 
     def __call__(self, name: str) -> Record:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +73,7 @@ class SolveTask:
 
     def warm_up(self) -> None:
         """Load the kernels and the robot's tables."""
-        check_machine(_job(self.output))
+        check_machine(self.output.job())
         low, high = self.robot.sampling_range
         q = (low + high) / 2
         solve_ik(self.robot, forward_kinematics(self.robot, q), q0=q, **self.settings)
@@ -108,7 +107,7 @@ class SolveTask:
     def _targets(self, name: str) -> Iterator[Targets]:
         """The poses, a row group at a time; one empty group if there are none."""
         path = self._input(name)
-        expected = _job(self.output)["partitions"][name]
+        expected = self.output.job()["partitions"][name]
         changed = changed_partitions({name: expected}, {name: look_at(path, COLUMNS)})
         if changed:
             raise DataError(f"{path}: changed since the job began: {'; '.join(changed)}")
@@ -125,12 +124,6 @@ class SolveTask:
         for name, value in columns.items():
             flat.update(zip(self.robot.joint_names, q, strict=True) if name == "q" else [(name, value)])
         return flat
-
-
-@lru_cache(maxsize=8)
-def _job(output: JobFolder) -> Job:
-    """Read once a process; a job does not change while it runs."""
-    return output.read_job()
 
 
 def _plain(value: Any) -> Any:
