@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import ikgrad as ik
 from ikgrad.files import pose_writer
 from ikgrad.jobs.folder import JobFolder
 from ikgrad.jobs.solving import SolveTask
-from ikgrad.jobs.task import Record
+from ikgrad.jobs.task import Record, Task
 
 SETTINGS: dict[str, Any] = dict(
     solver=ik.LevenbergMarquardt(), solutions=1, tol_pos=1e-6, tol_rot=1e-6, limits=True, mask=None, seed=0
@@ -54,6 +54,12 @@ def solve_here(task: SolveTask, names: Sequence[str] | None = None, **how: bool)
     own = list(job["partitions"]) if names is None else list(names)
     task.output.begin(job, own, **how)
     return {name: task(name) for name in own}
+
+
+def run_here(task: Task, names: Sequence[str], **_: int) -> Iterator[Record]:
+    """An engine without processes, for tests of what is around it."""
+    task.warm_up()
+    return (task(name) for name in names)
 
 
 def rows_by_pose(poses: Path, joints: Path) -> dict[str, str]:

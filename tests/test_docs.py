@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 import torch
 import yaml
+from job_folders import run_here
 
 import ikgrad as ik
 from ikgrad.cli import train
@@ -33,8 +34,10 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 # What takes minutes where a reader has them: the page's text, and what the test runs in its place.
 SHORTER = {"minutes=15": "steps=5"}
 
+SHORTER_COMMANDS = {"--count 10000000": "--count 40 --partition-rows 20"}
+
 # Commands of the default tests that are run, not only parsed.
-QUICK = re.compile(r"(robots|sample|fk|solve|doctor|completion)\b|train --config \S+ --hidden")
+QUICK = re.compile(r"(robots|sample|fk|solve|merge|doctor|completion)\b|train --config \S+ --hidden")
 # Run by -m slow, on a smaller question; see `shorter`.
 SHORT = re.compile(r"train|evaluate|export|view .*--export")
 # The others, and what runs them instead.
@@ -243,6 +246,8 @@ def commands(path: Path) -> Iterator[str]:
     shell += re.findall(r"^    (\S.*)", rest, re.MULTILINE)
     for line in shell:
         if re.match(r"(ikgrad|torchrun|python|pip|bash) (?!\w+( \w+)?:)", line):
+            for long, short in SHORTER_COMMANDS.items():
+                line = line.replace(long, short)
             yield line.split("  #")[0].split(" #")[0].strip()
 
 
@@ -274,6 +279,7 @@ COMMANDS = [path for path in PAGES if ikgrad_arguments(path)]
 @pytest.mark.parametrize("path", COMMANDS, ids=name_of)
 def test_commands_are_accepted_and_the_quick_ones_run(path: Path, tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ikgrad.jobs.run_local", run_here)  # its processes take seconds to start
     given_files(tmp_path, path)
     for words in ikgrad_arguments(path):
         if words[-1] == "--help" or words[0] == "--version":

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
-from job_folders import hard_poses, hashes, write_folder
+from job_folders import hard_poses, hashes, run_here, write_folder
 from support import mistake
 
 import ikgrad as ik
@@ -26,14 +27,9 @@ def place(tmp_path: Path, monkeypatch, robot) -> Path:
     """A folder ``poses`` of three partitions, and everything in this process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ikgrad.cli.terminal.PATIENCE", 1000.0)
-    monkeypatch.setattr("ikgrad.jobs.run_local", here)
+    monkeypatch.setattr("ikgrad.jobs.run_local", run_here)
     write_folder(tmp_path / "poses", {f"p{k}": T for k, T in enumerate(hard_poses(robot, 60).split(20))})
     return tmp_path
-
-
-def here(task, names, *, workers: int, threads: int):
-    task.warm_up()
-    return (task(name) for name in names)
 
 
 def solve(*argv: str) -> int:
@@ -52,6 +48,7 @@ def test_a_folder_is_solved_verified_and_refused_a_second_time(capsys, place):
     assert "3 done" in out
     assert "time of the workers" in out
     assert "not finite or have a number missing." in out
+    assert pq.read_table(place / "joints").num_rows == 60  # readers pass over what begins with _
     before = hashes(place / "joints")
     assert "joints: holds a finished job; --resume verifies it" in wrong(capsys, "solve", "poses", "-o", "joints")
     (place / "joints/p1.parquet").write_bytes(b"")
@@ -158,7 +155,7 @@ def test_ray_gets_what_was_asked_for(capsys, place, monkeypatch):
 
     def run_ray(task, names, **options):
         asked.update(options)
-        return here(task, names, workers=1, threads=1)
+        return run_here(task, names, workers=1, threads=1)
 
     monkeypatch.setattr(folders.importlib.util, "find_spec", lambda name: object())
     engine = type("engine", (), {"run_ray": staticmethod(run_ray)})
@@ -199,8 +196,9 @@ def test_inputs_that_cannot_be(capsys, place):
 
 def test_sobol_and_the_same_folder_twice(capsys, place):
     assert "--sobol is for a single file" in wrong(capsys, "sample", "--count", "9", "-o", "out", "--sobol")
-    line = wrong(capsys, "sample", "--count", "9", "-o", "out", "--joints", "./out")
-    assert "-o and --joints name the same folder" in line
+    for joints in ("./out", "out/q", "."):
+        line = wrong(capsys, "sample", "--count", "9", "-o", "out", "--joints", joints)
+        assert "-o and --joints name the same folder, or one inside the other" in line
     assert "leave out the suffix" in wrong(capsys, "sample", "--count", "9", "-o", "out", "--joints", "q.csv")
 
 

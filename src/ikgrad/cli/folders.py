@@ -96,7 +96,12 @@ class Done:
         split = self.split()
         if split:
             rows.append(["time of the workers", ", ".join(f"{name} {share:.0%}" for name, share in split.items())])
+            rows.append(["peak memory of a worker", f"{self.peak_memory() / 1e6:,.0f} MB"])
         return rows
+
+    def peak_memory(self) -> int:
+        """Of the worker that needed most [bytes]."""
+        return max((record["peak_memory"] for record in self.fresh), default=0)
 
     def split(self) -> dict[str, float]:
         """Share of the workers' time by what it was spent on."""
@@ -114,6 +119,7 @@ class Done:
             "done_again": {record["name"]: record["redone"] for record in self.records if "redone" in record},
             "left_for_other_shards": len(self.missing),
             "time_split": self.split(),
+            "peak_memory_bytes": self.peak_memory(),
             "poses_per_second": self.rate,
             "seconds": self.seconds,
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from ikgrad.cli.folders import check_folder, refuse_options, run_folders
 from ikgrad.cli.terminal import print_json, print_table
@@ -19,8 +20,8 @@ def run(args: argparse.Namespace) -> int:
 
     output = check_folder(args.output)
     joints = check_folder(args.joints) if args.joints else None
-    if joints is not None and joints.path.resolve() == output.path.resolve():
-        raise ConfigError("-o and --joints name the same folder")
+    if joints is not None and _inside(joints.path.resolve(), output.path.resolve()):
+        raise ConfigError("-o and --joints name the same folder, or one inside the other; put them side by side")
     robot = load_robot(args.robot, base=args.base, tip=args.tip)
     places = output.absolute(), joints.absolute() if joints else None
     task = SampleTask(robot, *places, args.count, args.partition_rows or ROWS, args.seed)
@@ -35,3 +36,7 @@ def run(args: argparse.Namespace) -> int:
     rows += [["joints", args.joints]] if args.joints else []
     print_table(f"ikgrad sample: {robot.name}, seed {args.seed}", ["", ""], rows)
     return 0
+
+
+def _inside(a: Path, b: Path) -> bool:
+    return a == b or a in b.parents or b in a.parents

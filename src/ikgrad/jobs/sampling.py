@@ -15,7 +15,7 @@ from ikgrad.files.poses import pose_columns
 from ikgrad.jobs.folder import Job, JobFolder
 from ikgrad.jobs.machine import check_machine, machine
 from ikgrad.jobs.task import Record
-from ikgrad.jobs.writing import Clock, partition_writer
+from ikgrad.jobs.writing import Clock, partition_writer, peak_memory
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.robot import Robot
 
@@ -92,10 +92,11 @@ class SampleTask:
         records: list[Record] = [
             {"name": name, "rows": writer.rows, "bytes": writer.bytes, "sha256": writer.sha256} for writer in writers
         ]
+        costs = {"seconds": clock.report(), "peak_memory": peak_memory()}
         for place, record in zip(places, records, strict=True):
-            place.keep(record | {"seconds": clock.report()})
+            place.keep(record | costs)
         wrong = [look.wrong for look in found if look.wrong]
-        return records[0] | {"seconds": clock.report(), "fresh": True} | ({"redone": wrong[0]} if wrong else {})
+        return records[0] | costs | {"fresh": True} | ({"redone": wrong[0]} if wrong else {})
 
     def _configurations(self, name: str) -> Iterator[Tensor]:
         number = int(name.rpartition("-")[2])

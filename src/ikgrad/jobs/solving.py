@@ -19,7 +19,7 @@ from ikgrad.jobs.folder import Job, JobFolder
 from ikgrad.jobs.machine import check_machine, machine
 from ikgrad.jobs.partitions import changed_partitions, list_names, look_at
 from ikgrad.jobs.task import Record
-from ikgrad.jobs.writing import Clock, partition_writer
+from ikgrad.jobs.writing import Clock, partition_writer, peak_memory
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.robot import Robot
 from ikgrad.solvers.solve import solve_ik
@@ -100,6 +100,7 @@ class SolveTask:
             "sha256": writer.sha256,
             "counts": summary.counts(),
             "seconds": clock.report(),
+            "peak_memory": peak_memory(),
         }
         self.output.keep(record)
         return record | {"fresh": True} | ({"redone": found.wrong} if found.wrong else {})

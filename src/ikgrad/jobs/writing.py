@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -55,6 +56,16 @@ class Clock:
         """All times so far, rounded, and the whole."""
         total = time.perf_counter() - self._begin
         return {name: round(value, 4) for name, value in (*self.seconds.items(), ("total", total))}
+
+
+def peak_memory() -> int:
+    """The most memory that this process has had so far [bytes]; 0 where the system does not say."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 class PartitionWriter:
