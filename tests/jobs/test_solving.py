@@ -98,7 +98,7 @@ def test_no_rows_give_no_rows_in_the_same_columns(tmp_path: Path, robot, poses):
 
 
 def test_several_solutions_are_numbered_in_their_partition(tmp_path: Path, robot, poses, monkeypatch):
-    monkeypatch.setattr(solving, "ROWS", 12)
+    monkeypatch.setattr(solving, "FEWER", 12)
     folder = write_folder(tmp_path / "poses", {"a": poses[:10]})
     records = solve_here(task_of(robot, folder, tmp_path / "joints", solutions=3))
     table = pq.read_table(tmp_path / "joints/a.parquet")

@@ -22,9 +22,12 @@ from ikgrad.jobs.task import Record
 from ikgrad.jobs.writing import Clock, partition_writer, peak_memory
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.robot import Robot
+from ikgrad.solvers.closed_form import Puma560ClosedForm
+from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.solve import solve_ik
 
-ROWS = 65_536  # of a row group, which is solved, written and kept in memory at a time
+ROWS = 65_536  # answers in a row group, which is solved, written and kept in memory at a time
+FEWER = 8_192  # by methods in torch, which need tens of kilobytes for each
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,9 @@ class SolveTask:
 
     @property
     def _rows(self) -> int:
-        return max(1, ROWS // self.settings["solutions"])
+        solver, solutions = self.settings["solver"], self.settings["solutions"]
+        lean = solutions == 1 and isinstance(solver, LevenbergMarquardt | Puma560ClosedForm)
+        return max(1, (ROWS if lean else FEWER) // solutions)
 
     def _input(self, name: str) -> Path:
         return JobFolder(self.poses).partition(name)

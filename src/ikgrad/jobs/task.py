@@ -8,8 +8,9 @@ Record = dict[str, Any]
 """What is known about a finished partition; a JSON object.
 
 ``name``, ``rows``, ``bytes`` and ``sha256`` of its file, ``counts`` (what the rows say, summed up), ``seconds`` (where
-the time went), ``peak_memory`` (bytes, of the process so far), ``fresh`` (True: done now; False: found finished, verified and left alone) and, if it was done again
-because something was wrong with the file that was there, ``redone`` (what that was).
+the time went), ``peak_memory`` (bytes, of the process so far), ``fresh`` (True: done now; False: found finished,
+verified and left alone) and, if it was done again because something was wrong with the file that was there,
+``redone`` (what that was).
 """
 
 
