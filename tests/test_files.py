@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ikgrad as ik
-from ikgrad.errors import DataError
+from ikgrad.errors import DataError, MissingExtraError
 from ikgrad.files import check_output, joint_writer, open_joints, open_poses, pose_writer
 from ikgrad.files.places import in_one_move
 from ikgrad.files.poses import COLUMNS, from_matrices, from_quaternions
@@ -314,7 +314,7 @@ def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch, use
     path = tmp_path / "p.parquet"
     if use is open_poses:
         path.touch()
-    with pytest.raises(DataError, match=re.escape("pip install 'ikgrad[data]'")):
+    with pytest.raises(MissingExtraError, match=re.escape("p.parquet: Parquet files need pyarrow; pip install 'ikgrad[data]'")):
         use(path)
 
 

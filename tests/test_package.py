@@ -15,7 +15,7 @@ SOURCE = Path(ik.__file__).parent
 
 # From the bottom up; a module may import from its own row and from rows above it in this list.
 LAYERS = [
-    {"errors", "garbage", "resources"},
+    {"errors", "extras", "garbage", "resources"},
     {"rotations", "trajectory", "optim"},
     {"segments", "robot", "pk_chain", "dh", "urdf", "config"},
     {"kinematics", "engine"},

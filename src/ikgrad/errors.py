@@ -44,6 +44,14 @@ class DataError(IkgradError, ValueError):
     """A data file cannot be read or written; the message names the file and the place in it."""
 
 
+class MissingExtraError(IkgradError, ImportError):
+    """A feature needs a package that is not installed; the message names the extra that brings it."""
+
+    def __init__(self, what: str, package: str, extra: str):
+        super().__init__(f"{what} need {package}; pip install 'ikgrad[{extra}]'", name=package)
+        self.extra = extra
+
+
 class ConvergenceError(IkgradError, RuntimeError):
     """Raised by `IKSolution.raise_if_failed`; carries the solution as ``solution``."""
 

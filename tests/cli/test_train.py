@@ -90,7 +90,7 @@ def test_a_built_in_name_and_keys_of_its_data(capsys: pytest.CaptureFixture[str]
         (["--out", "bad.yaml"], "bad.yaml: is a file, not a folder"),
         (["--out", "."], "exists and holds no training run; choose another name"),
         (["--checkpoint-seconds", "0"], "--checkpoint-seconds: expected a number above 0"),
-        (["--tensorboard", "true"], "tensorboard: the package is not installed; pip install 'ikgrad[train]' brings it"),
+        (["--tensorboard", "true"], "tensorboard: events need tensorboard; pip install 'ikgrad[train]'"),
     ],
 )
 def test_mistakes_get_one_line_and_write_nothing(options, message, tmp_path: Path, monkeypatch, capsys):

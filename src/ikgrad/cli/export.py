@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"output": str(done.path), "difference": done.difference, **done.metadata})
         return 0
-    compared = "not compared: onnxruntime is not installed"
+    compared = "not compared: that needs onnxruntime; pip install 'ikgrad[export]'"
     if done.difference is not None:
         compared = f"joints differ from torch by {done.difference:.2g} at most, on 1,000 poses"
     kind = "" if args.steps is None else f", {args.steps} damped steps and the check inside"

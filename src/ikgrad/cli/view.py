@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ikgrad.cli.parsing import Commands, add_robot_options, example, numbers
 from ikgrad.cli.terminal import note
 from ikgrad.errors import ConfigError
+from ikgrad.extras import check
 
 if TYPE_CHECKING:
     from ikgrad.collision import Spheres
@@ -56,7 +57,7 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the page, or write it."""
-    _check_viser()
+    check("viser", extra="viz", what="pages of `ikgrad view`")
     import torch
 
     from ikgrad.robot import load_robot
@@ -94,14 +95,6 @@ def _serve(args: argparse.Namespace, session: Session, **extras: object) -> int:
         return 0
     finally:
         viewer.close()
-
-
-def _check_viser() -> None:
-    """Before anything slow: is the extra there?"""
-    import importlib.util
-
-    if importlib.util.find_spec("viser") is None:
-        raise ConfigError("`ikgrad view` needs viser; pip install 'ikgrad[viz]'")
 
 
 def _inverter(name: str | None, robot: Robot) -> AnyInverter | None:

@@ -19,6 +19,7 @@ from ikgrad import __version__
 from ikgrad.data import sample_configurations
 from ikgrad.errors import ConfigError, DataError
 from ikgrad.export.refined import Refined
+from ikgrad.extras import need
 from ikgrad.files.places import check_output, in_one_move
 from ikgrad.kinematics import forward_kinematics
 from ikgrad.networks.storage import AnyInverter
@@ -26,6 +27,7 @@ from ikgrad.networks.storage import AnyInverter
 FORMAT = "ikgrad export 1"
 SUFFIXES = (".onnx", ".pt2")
 METADATA = "ikgrad.json"  # name of the metadata inside a .pt2 file
+_ONNX = "ONNX files"
 _TRACED = 5  # poses that the graph is drawn with; any number but 1, which exporters take for a constant
 
 
@@ -65,7 +67,8 @@ def export_inverter(
         Path, metadata, and the largest difference.
 
     Raises:
-        ConfigError: ``steps`` is negative, the inverter does not take the dtype, or packages are missing.
+        ConfigError: ``steps`` is negative, or the inverter does not take the dtype.
+        MissingExtraError: packages for ONNX files are missing.
         DataError: the file exists or cannot be written, or what was written computes something else.
 
     Example:
@@ -99,7 +102,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
 
     Raises:
         DataError: the file cannot be read or was not written by `export_inverter`.
-        ConfigError: the package for ONNX files is missing.
+        MissingExtraError: the package for ONNX files is missing.
     """
     path = Path(path)
     try:
@@ -172,13 +175,8 @@ def _shapes(arguments: tuple[Tensor, ...]) -> tuple[dict[int, Any], ...]:
 
 
 def _write_onnx(module: nn.Module, arguments: tuple[Tensor, ...], path: Path, metadata: dict[str, Any]) -> None:
-    try:
-        import onnx  # noqa: F401
-        from onnxscript import optimizer
-    except ImportError as error:
-        raise ConfigError(
-            f"ONNX files need {(error.name or '').partition('.')[0]}; pip install 'ikgrad[export]'"
-        ) from error
+    need("onnx", extra="export", what=_ONNX)
+    optimizer = need("onnxscript.optimizer", extra="export", what=_ONNX)
     names = ["q", "position_error", "rotation_error"] if isinstance(module, Refined) else ["q"]
     with _quiet():
         program = torch.onnx.export(
@@ -240,10 +238,7 @@ def _difference(module: nn.Module, arguments: tuple[Tensor, ...], path: Path) ->
 
 
 def _onnx_metadata(path: Path) -> str:
-    try:
-        import onnx
-    except ImportError as error:
-        raise ConfigError(f"ONNX files need {error.name}; pip install 'ikgrad[export]'") from error
+    onnx = need("onnx", extra="export", what=_ONNX)
     from google.protobuf.message import DecodeError
 
     try:

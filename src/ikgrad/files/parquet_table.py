@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ikgrad.errors import DataError
+from ikgrad.extras import need
 from ikgrad.files.columns import pick, rechunk
 
 READ_AHEAD = 1 << 18  # bytes a column
@@ -18,14 +19,10 @@ def pyarrow_parquet(path: Path) -> tuple[Any, Any]:
     """The modules ``pyarrow`` and ``pyarrow.parquet``.
 
     Raises:
-        DataError: pyarrow is not installed.
+        MissingExtraError: pyarrow is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise DataError(f"{path}: Parquet files need pyarrow; pip install 'ikgrad[data]'") from error
-    return pyarrow, pyarrow.parquet
+    what = f"{path}: Parquet files"
+    return need("pyarrow", extra="data", what=what), need("pyarrow.parquet", extra="data", what=what)
 
 
 class ParquetTable:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,9 +11,10 @@ import torch
 from torch import Tensor
 
 from ikgrad.collision import Capsules, Spheres, link_segments
-from ikgrad.errors import ConfigError, DataError
-from ikgrad.files.places import check_suffix, in_one_move
+from ikgrad.errors import ConfigError
+from ikgrad.files.places import check_suffix
 from ikgrad.kinematics import forward_kinematics
+from ikgrad.plots.film import save_film
 from ikgrad.plots.style import INK, new_figure, styled
 from ikgrad.plots.tubes import Mesh, ball, shadow, tube
 from ikgrad.robot import Robot
@@ -113,38 +113,24 @@ def save_motion(
     Raises:
         DataError: another suffix, the file exists and ``force`` is off, or it cannot be written.
     """
-    from PIL import Image
-
-    path = Path(path)
-    check_suffix(path, (".gif",))
+    check_suffix(Path(path), (".gif",))  # before the drawing, which takes a while
     scene = _scene(robot, list(motions.values()), obstacles, link_radius)
-    every = [_evenly(motion, frames) for motion in motions.values()]
-    pictures = []
+    every = {name: _evenly(motion, frames) for name, motion in motions.items()}
+    pictures = (_frame(scene, every, frame, view) for frame in range(frames))
     with styled():
-        for frame in range(frames):
-            figure = new_figure((4.6 * max(len(motions), 2), 4.6))
-            _leave_room_at_the_right(figure)
-            for k, (name, q) in enumerate(zip(motions, every, strict=True)):
-                axes = figure.add_subplot(1, len(motions), k + 1, projection="3d", computed_zorder=False)
-                _draw(axes, scene, q[frame : frame + 1], [1.0], _tool(robot, q[: frame + 1]), _arm_colour(k))
-                axes.set_title(name)
-                axes.view_init(*view)
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format="png", dpi=dpi)
-            pictures.append(Image.open(buffer).convert("P", palette=Image.Palette.ADAPTIVE, colors=64))
-    try:
-        with in_one_move(path, force=force) as temporary:
-            pictures[0].save(
-                temporary,
-                format="GIF",
-                save_all=True,
-                append_images=pictures[1:],
-                duration=round(1000 * seconds / frames),
-                loop=0,
-            )
-    except OSError as error:
-        raise DataError(f"{path}: cannot write the film: {error.strerror or error}") from error
-    return path
+        return save_film(path, pictures, frame_seconds=seconds / frames, dpi=dpi, force=force)
+
+
+def _frame(scene: _Scene, every: Mapping[str, Tensor], frame: int, view: tuple[float, float]) -> Figure:
+    """All motions at one instant, with the way so far."""
+    figure = new_figure((4.6 * max(len(every), 2), 4.6))
+    _leave_room_at_the_right(figure)
+    for k, (name, q) in enumerate(every.items()):
+        axes = figure.add_subplot(1, len(every), k + 1, projection="3d", computed_zorder=False)
+        _draw(axes, scene, q[frame : frame + 1], [1.0], _tool(scene.robot, q[: frame + 1]), _arm_colour(k))
+        axes.set_title(name)
+        axes.view_init(*view)
+    return figure
 
 
 def _scene(robot: Robot, motions: Sequence[Trajectory], obstacles: Spheres | Capsules, link_radius: float) -> _Scene:

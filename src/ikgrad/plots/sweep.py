@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikgrad.files.places import check_suffix, in_one_move
+from ikgrad.files.places import check_suffix
+from ikgrad.plots.film import save_film
 from ikgrad.plots.style import FAINT, INK, PALETTE, new_figure, styled
 
 if TYPE_CHECKING:
@@ -97,10 +99,7 @@ def save_sweep(
     Raises:
         DataError: another suffix, or it cannot be written.
     """
-    from matplotlib.animation import FuncAnimation, PillowWriter
-
-    path = Path(path)
-    check_suffix(path, (".gif",))
+    check_suffix(Path(path), (".gif",))  # before the drawing, which takes a while
     with styled():
         figure = new_figure(size)
         figure.set_layout_engine(None)
@@ -108,21 +107,19 @@ def save_sweep(
         axes = _space(figure, np.concatenate([links, predicted]).reshape(-1, 3), centers, radii, unit, view, 1.0)
         hand = links[:, -1, 1]
         (way,) = axes.plot([], [], [], color=FAINT, linewidth=1.0)
-        arms: list[Any] = []
 
-        def draw(k: int) -> list[Any]:
-            while arms:
-                arms.pop().remove()
-            arms.extend(_lines(axes, links[k : k + 1], touching[k : k + 1], TRUE, linewidth=3.0))
-            calm = np.zeros_like(touching[k : k + 1])
-            arms.extend(_lines(axes, predicted[k : k + 1], calm, PREDICTED, linewidth=1.4, linestyle="--"))
-            way.set_data_3d(*hand[: k + 1].T)
-            return arms
+        def pictures() -> Iterator[Figure]:
+            for k in range(len(links)):
+                now = slice(k, k + 1)
+                way.set_data_3d(*hand[: k + 1].T)
+                calm = np.zeros_like(touching[now])
+                arms = _lines(axes, links[now], touching[now], TRUE, linewidth=3.0)
+                arms += _lines(axes, predicted[now], calm, PREDICTED, linewidth=1.4, linestyle="--")
+                yield figure
+                for artist in arms:
+                    artist.remove()
 
-        film = FuncAnimation(figure, draw, frames=len(links), init_func=lambda: [])
-        with in_one_move(path, force=True) as temporary:
-            film.save(temporary, writer=PillowWriter(fps=frames_per_second), dpi=dpi)
-    return path
+        return save_film(path, pictures(), frame_seconds=1 / frames_per_second, dpi=dpi)
 
 
 def _space(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ikgrad.errors import ConfigError, DataError
+from ikgrad.errors import DataError
+from ikgrad.extras import check
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
@@ -24,10 +24,9 @@ def require_tensorboard() -> None:
     """Refuse before any work if the package is not there.
 
     Raises:
-        ConfigError: with the extra that brings it.
+        MissingExtraError: with the extra that brings it.
     """
-    if importlib.util.find_spec("tensorboard") is None:
-        raise ConfigError("tensorboard: the package is not installed; pip install 'ikgrad[train]' brings it")
+    check("tensorboard", extra="train", what="tensorboard: events")
 
 
 class Events:

@@ -34,7 +34,7 @@ def export_page(
         force: overwrite an existing file.
 
     Raises:
-        ConfigError: viser is not installed.
+        MissingExtraError: viser is not installed.
         DataError: it cannot be written.
     """
     path = check_output(path, (".html",), force=force)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ikgrad.errors import ConfigError
+from ikgrad.extras import need
 
 
 def start_server(*, host: str = "127.0.0.1", port: int = 8080, label: str | None = None) -> Any:
@@ -23,12 +24,10 @@ def start_server(*, host: str = "127.0.0.1", port: int = 8080, label: str | None
         The ``viser.ViserServer``; `stop_server` ends it.
 
     Raises:
-        ConfigError: viser is not installed, or the address cannot be had.
+        MissingExtraError: viser is not installed.
+        ConfigError: the address cannot be had.
     """
-    try:
-        import viser
-    except ImportError as error:
-        raise ConfigError(f"the page needs {error.name}; pip install 'ikgrad[viz]'") from error
+    viser = need("viser", extra="viz", what="pages")
     try:  # viser itself would go on to the next port without a word
         socket.create_server((host, port)).close()
     except (OSError, OverflowError) as error:

@@ -80,7 +80,7 @@ class Peer:
         if job not in self.jobs:
             return f"no {job} to compare"
         if not self.installed():
-            return f"not installed (pip install {self.package})"
+            return "not installed; pip install 'ikgrad[bench]'"
         try:
             self.check(robot)
         except UnsupportedError as error:
