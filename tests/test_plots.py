@@ -73,7 +73,34 @@ def page() -> object:
     return plots.evaluation_page(evaluated(), ik.load_robot("panda"), title="panda")
 
 
+def solved_batch() -> object:
+    rng = np.random.default_rng(1)
+    errors = 10.0 ** rng.normal(-8.5, 0.6, (2, 4000))
+    reasons = np.where(rng.random(4000) < 0.06, "unreachable", "converged").astype(object)
+    reasons[:40] = "joint_limits"
+    errors[:, reasons != "converged"] = 10.0 ** rng.normal(-1.5, 0.5, (2, (reasons != "converged").sum()))
+    steps = np.where(reasons == "converged", rng.poisson(5, 4000), rng.integers(40, 200, 4000))
+    return plots.solve_summary(*errors, steps, reasons.astype(str), title="panda: 4,000 poses")
+
+
+def workspace() -> object:
+    robot = ik.load_robot("panda")
+    q = ik.sample_configurations(robot, 4000, seed=0)
+    p = ik.forward_kinematics(robot, q)[:, :3, 3].numpy()
+    far = np.linalg.norm(p - [0, 0, 0.333], axis=1)
+    return plots.workspace_errors(robot, p, 1e-9 * 10.0**far, far < 0.75, title="panda")
+
+
+def frames() -> object:
+    robot = ik.load_robot("panda")
+    q = torch.tensor([[0.0, 0.3, 0.0, -1.9, 0.0, 2.2, 0.8], [0.9, 0.6, 0.2, -1.5, 0.0, 2.2, 0.8]]).double()
+    return plots.arm_frames(robot, q, targets=ik.forward_kinematics(robot, q), title="panda")
+
+
 FIGURES = {
+    "solve_summary": solved_batch,
+    "workspace_errors": workspace,
+    "arm_frames": frames,
     "evaluation_page": page,
     "convergence": lambda: plots.convergence(CURVES, threshold=1e-9, printed={"a": 50, "b": 80}),
     "one_curve": lambda: plots.convergence({"a": CURVES["a"]}, threshold=1e-9),

@@ -34,6 +34,7 @@ def test_tables_and_files(quick: str, tmp_path: Path, capsys: pytest.CaptureFixt
     for part in ("Table 3", "Table 4", "Table 5", "Table 6", "Newton-Raphson", "Misprints", "438", "-20.0995*"):
         assert part in text
     names = {"apps_convergence.png", "apps_path.png", "apps_learning_rate.png", "apps_iterations.png", "apps.json"}
+    names |= {"apps_study.npz"}
     assert {path.name for path in out.iterdir()} == names
     assert json.loads((out / "apps.json").read_text())["paper"] == "apps"
 

@@ -10,7 +10,7 @@ import pytest
 from ikgrad.cli.main import main
 
 QUICK = ["reproduce", "puma", "--epochs", "60", "--seeds", "2"]
-NAMES = {"puma_learning.png", "puma_errors.png", "puma_path.png", "puma.json"}
+NAMES = {"puma_learning.png", "puma_errors.png", "puma_path.png", "puma.json", "puma_study.npz"}
 
 
 def test_json_is_one_document(capsys: pytest.CaptureFixture[str]):

@@ -55,12 +55,13 @@ class JointFile:
             yield torch.from_numpy(array[:, self.order])
 
 
-def open_joints(path: str | Path, robot: Robot) -> JointFile:
+def open_joints(path: str | Path, robot: Robot, *, kind: str | None = None) -> JointFile:
     """Open a file of joint values for a robot.
 
     Args:
         path: ``.csv``, ``.npy``, ``.npz`` or ``.parquet``.
         robot: whose joint names must be there; the columns of `RESULTS` may be there too.
+        kind: read it as a file with this suffix; default: its own.
 
     Raises:
         DataError: no such file, a wrong column or shape, no rows, not readable.
@@ -74,8 +75,9 @@ def open_joints(path: str | Path, robot: Robot) -> JointFile:
         torch.Size([3, 4])
     """
     path = Path(path)
-    check_input(path, SUFFIXES)
-    kind, names, also = path.suffix.lower(), robot.joint_names, {*PLACES, *RESULTS} - set(robot.joint_names)
+    kind = kind or path.suffix.lower()
+    check_input(path, SUFFIXES, kind)
+    names, also = robot.joint_names, {*PLACES, *RESULTS} - set(robot.joint_names)
     straight = tuple(range(robot.dof))
     if kind == ".csv":
         return JointFile(path, CsvTable(path, names, also), straight)

@@ -25,6 +25,28 @@ def pyarrow_parquet(path: Path) -> tuple[Any, Any]:
     return need("pyarrow", extra="data", what=what), need("pyarrow.parquet", extra="data", what=what)
 
 
+def parquet_columns(path: Path) -> list[str]:
+    """Names of the columns.
+
+    Raises:
+        DataError: not a readable Parquet file.
+        MissingExtraError: pyarrow is not installed.
+    """
+    with _open(path) as file:
+        return [str(name) for name in file.schema_arrow.names]
+
+
+def parquet_column(path: Path, name: str) -> np.ndarray:
+    """One whole column, of whatever kind.
+
+    Raises:
+        DataError: not a readable Parquet file.
+        KeyError: there is no such column.
+    """
+    with _open(path) as file:
+        return np.asarray(file.read(columns=[name])[name].to_numpy())
+
+
 class ParquetTable:
     """The wanted columns of a Parquet file, read in batches. A null is a missing number, NaN.
 
@@ -41,7 +63,7 @@ class ParquetTable:
     def __init__(self, path: Path, wanted: Sequence[str], ignored: Collection[str] = (), *, empty: bool = False):
         self.path, self.wanted = path, list(wanted)
         pa, _ = pyarrow_parquet(path)
-        with self._open() as file:
+        with _open(self.path) as file:
             schema, self.total = file.schema_arrow, file.metadata.num_rows
         pick(str(path), schema.names, self.wanted, {*ignored, "__index_level_0__"})  # pandas' row labels
         for name in self.wanted:
@@ -57,7 +79,7 @@ class ParquetTable:
 
     def _batches(self, rows: int) -> Iterator[np.ndarray]:
         pa, _ = pyarrow_parquet(self.path)
-        with self._open() as file:
+        with _open(self.path) as file:
             try:
                 for batch in file.iter_batches(batch_size=rows, columns=self.wanted):
                     columns = [
@@ -67,13 +89,14 @@ class ParquetTable:
             except (pa.ArrowException, OSError) as error:
                 raise DataError(f"{self.path}: is damaged: {_first_line(error)}") from error
 
-    def _open(self) -> Any:
-        pa, parquet = pyarrow_parquet(self.path)
-        try:
-            # by default the whole file is read ahead; a small buffer also streams a file of one row group
-            return parquet.ParquetFile(self.path, pre_buffer=False, buffer_size=READ_AHEAD)
-        except (pa.ArrowException, OSError) as error:
-            raise DataError(f"{self.path}: is not a readable Parquet file: {_first_line(error)}") from error
+
+def _open(path: Path) -> Any:
+    pa, parquet = pyarrow_parquet(path)
+    try:
+        # by default the whole file is read ahead; a small buffer also streams a file of one row group
+        return parquet.ParquetFile(path, pre_buffer=False, buffer_size=READ_AHEAD)
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"{path}: is not a readable Parquet file: {_first_line(error)}") from error
 
 
 def _first_line(error: BaseException) -> str:

@@ -15,13 +15,14 @@ from ikgrad.errors import DataError
 HOST = re.sub(r"[^A-Za-z0-9-]", "-", platform.node())[:24] or "host"  # in names of temporary files, on shared folders
 
 
-def check_input(path: Path, suffixes: Collection[str]) -> None:
-    """Refuse an input that is not there, is a folder, or is of no known kind.
+def check_input(path: Path, suffixes: Collection[str], kind: str | None = None) -> None:
+    """Refuse an input that is not there, is a folder, or is of no known kind, which its suffix or ``kind`` says.
 
     Raises:
         DataError: with the file and what was expected.
     """
-    check_suffix(path, suffixes)
+    if kind not in suffixes:
+        check_suffix(path, suffixes)
     if not path.exists():
         raise DataError(f"{path}: no such file")
     if not path.is_file():

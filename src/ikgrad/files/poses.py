@@ -75,12 +75,13 @@ class PoseFile:
             yield from_quaternions(given, self.repair) if self.quaternions else from_matrices(given, self.repair)
 
 
-def open_poses(path: str | Path, *, repair: bool = False) -> PoseFile:
+def open_poses(path: str | Path, *, repair: bool = False, kind: str | None = None) -> PoseFile:
     r"""Open a file of poses; what can be checked without reading it all is checked here.
 
     Args:
         path: ``.csv``, ``.npy``, ``.npz`` or ``.parquet``.
         repair: replace each matrix that is no rotation by the nearest rotation, and normalise each quaternion.
+        kind: read it as a file with this suffix; default: its own.
 
     Raises:
         DataError: no such file, a wrong column or shape, no rows, not readable.
@@ -93,8 +94,8 @@ def open_poses(path: str | Path, *, repair: bool = False) -> PoseFile:
         [[0.5, 0.0, 0.3]]
     """
     path = Path(path)
-    check_input(path, SUFFIXES)
-    kind = path.suffix.lower()
+    kind = kind or path.suffix.lower()
+    check_input(path, SUFFIXES, kind)
     if kind == ".csv":
         return PoseFile(path, CsvTable(path, COLUMNS), True, repair)
     if kind == ".parquet":

@@ -6,10 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikgrad.plots.style import PALETTE, new_figure, styled
+from ikgrad.plots.histograms import draw_percentiles, log_bins, percentile_key
+from ikgrad.plots.style import PALETTE, new_figure, power, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+COLOURS = (PALETTE[0], PALETTE[1])  # converged, and all else
 
 
 def solve_summary(
@@ -20,10 +24,12 @@ def solve_summary(
     *,
     title: str = "",
 ) -> Figure:
-    """Histograms of the errors (log10) and of the steps, and a bar for each reason.
+    """Histograms of the errors and of the steps, and a bar for each reason.
+
+    Lines and the numbers above them are percentiles over all rows; what is not finite counts as infinitely large.
 
     Args:
-        position_error: (N,) [m]; NaN is left out, zero is drawn at the smallest error there is.
+        position_error: (N,) [m]; zero is drawn at the smallest error there is.
         rotation_error: (N,) [rad], likewise.
         steps: (N,)
         reasons: (N,) text.
@@ -34,38 +40,45 @@ def solve_summary(
         >>> len(solve_summary(errors, errors, np.array([7, 8, 0]), reasons).axes)
         4
     """
+    solved = reasons == "converged"
     with styled():
-        figure = new_figure((10.0, 6.4))
+        figure = new_figure((10.0, 6.8))
         axes = figure.subplots(2, 2)
-        _errors(axes[0, 0], position_error, "position error", "m")
-        _errors(axes[0, 1], rotation_error, "rotation error", "rad")
-        _steps(axes[1, 0], steps)
+        _errors(axes[0, 0], position_error, solved, "position error [m]")
+        _errors(axes[0, 1], rotation_error, solved, "rotation error [rad]")
+        _steps(axes[1, 0], steps, solved)
         _reasons(axes[1, 1], reasons)
-        figure.suptitle(title)
+        for colour, name in zip(COLOURS, ("converged", "other reasons"), strict=True):
+            axes[0, 0].bar(0, 0, color=colour, label=name)
+        percentile_key(axes[0, 0])
+        figure.legend(loc="outside upper center", ncols=5, title=title, title_fontsize=13)
     return figure
 
 
-def _errors(axes: Any, error: np.ndarray, name: str, unit: str) -> None:
-    finite = error[np.isfinite(error)]
-    if len(finite):
-        positive = finite[finite > 0]
-        smallest = positive.min() if len(positive) else 1e-17
-        axes.hist(np.log10(np.maximum(finite, smallest)), bins=60, color=PALETTE[0])
-    axes.set(xlabel=f"log10 of {name} [{unit}]", ylabel="rows", yscale="log")
+def _errors(axes: Any, error: np.ndarray, solved: np.ndarray, label: str) -> None:
+    positive = error[np.isfinite(error) & (error > 0)]
+    least = positive.min() if len(positive) else 1e-17
+    drawn = np.maximum(error, least)
+    bins = log_bins([drawn], 60)
+    parts = [drawn[which & np.isfinite(drawn)] for which in (solved, ~solved)]
+    axes.hist(parts, bins=bins, stacked=True, color=COLOURS)
+    axes.set(xlabel=label, ylabel="rows [-]", xscale="log", yscale="log")
+    draw_percentiles(axes, drawn, show=lambda value: power(float(f"{value:.1e}")))
 
 
-def _steps(axes: Any, steps: np.ndarray) -> None:
+def _steps(axes: Any, steps: np.ndarray, solved: np.ndarray) -> None:
     top = max(int(np.percentile(steps, 99.5)), 1)  # a few rows with hundreds of steps would hide the others
-    axes.hist(np.minimum(steps, top), bins=min(top, 60), color=PALETTE[0])
-    rest = f" (the last bin holds all from {top} on)" if steps.max() > top else ""
-    axes.set(xlabel=f"steps{rest}", ylabel="rows")
+    edges = np.arange(top + 2) - 0.5 if top < 60 else np.linspace(0, top, 61)
+    parts = [np.minimum(steps[which], top) for which in (solved, ~solved)]
+    axes.hist(parts, bins=edges, stacked=True, color=COLOURS)
+    rest = f", the last bin: {top} and more" if steps.max() > top else ""
+    axes.set(xlabel=f"steps [-]{rest}", ylabel="rows [-]", yscale="log")
 
 
 def _reasons(axes: Any, reasons: np.ndarray) -> None:
     names, numbers = np.unique(reasons, return_counts=True)
-    colours = [PALETTE[2] if name == "converged" else PALETTE[1] for name in names]
-    bars = axes.barh(names.tolist(), numbers, color=colours)
+    bars = axes.barh(names.tolist(), numbers, color=[COLOURS[int(name != "converged")] for name in names])
     axes.bar_label(bars, labels=[f"{number:,}" for number in numbers], padding=3)
     axes.margins(x=0.2)
     axes.grid(False, axis="y")
-    axes.set(xlabel="rows")
+    axes.set(xlabel="rows [-]")

@@ -84,7 +84,7 @@ def learning_rates(
         right.set(xlabel="learning rate [-]", title=f"E after at most {limit} iterations, every motion", xscale="log")
         right.set_xticks(list(finals), [f"{rate:g}" for rate in finals])
         right.minorticks_off()
-        right.text(min(finals), threshold, "E0 ", ha="left", va="bottom", color=FAINT)
+        right.text(1.0, threshold, "E0 ", ha="right", va="bottom", color=FAINT, transform=right.get_yaxis_transform())
     return figure
 
 
@@ -106,6 +106,7 @@ def comparison_bars(ours: Mapping[str, float], theirs: Mapping[str, float], *, y
         axes.set_xticks(x, list(ours))
         axes.set(xlabel="motion", ylabel=ylabel)
         axes.grid(visible=False, axis="x")
+        axes.margins(y=0.18)  # room for the legend
         axes.legend(ncols=2, loc="upper right")
     return figure
 

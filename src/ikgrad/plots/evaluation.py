@@ -13,17 +13,17 @@ from torch import Tensor
 from ikgrad.evaluation import Evaluation, Row, RowErrors, row_errors
 from ikgrad.evaluation.table import number, percent
 from ikgrad.kinematics import forward_kinematics, link_poses
-from ikgrad.plots.arm import draw_floor, draw_meshes
+from ikgrad.plots.arm import AXIS_COLOURS, draw_floor, draw_frame, draw_meshes
+from ikgrad.plots.histograms import draw_percentiles, log_bins, percentile_key
 from ikgrad.plots.style import INK, PALETTE, new_figure, styled
 from ikgrad.plots.tubes import arm_mesh
+from ikgrad.plots.workspace import cells_of, draw_cells
 from ikgrad.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MARKS = ((0.5, "-", "median"), (0.95, "--", "95 %"), (0.999, ":", "99.9 %"))
 _LEAST = {"mm": 1e-9, "deg": 1e-10}  # smaller errors are drawn here
-_CELLS, _ROWS_A_CELL = 18, 5  # of the workspace; cells with fewer rows stay blank
 _WORST = 3
 _UNITS = {"mm": "position error [mm]", "deg": "rotation error [deg]"}
 
@@ -46,7 +46,7 @@ def evaluation_page(
     text = [line for remark in remarks(evaluations) for line in textwrap.wrap(remark, 165)] if summary else []
     heights = {
         "errors": max(4.4, 1.25 * len(shown) + 0.9),
-        "worst": 4.0,
+        "worst": 4.3,
         "summary": 0.4 * len(rows) + 0.195 * len(text) + 0.5,
     }
     parts = [name for name in heights if (rows or text if name == "summary" else shown)]
@@ -150,17 +150,13 @@ def _histograms(figure: Any, shown: Sequence[Evaluation], robot: Robot) -> None:
     values = [_in_units(_errors(found, robot)) for found in shown]
     panels = figure.subplots(len(shown), 2, sharex="col", squeeze=False)
     for column, unit in enumerate(_UNITS):
-        every = np.concatenate([np.maximum(errors[unit], _LEAST[unit]) for errors in values])
-        every = every[np.isfinite(every)]
-        low, high = (every.min(), every.max()) if len(every) else (0.1, 1.0)
-        bins = np.geomspace(low / 1.5, high * 1.5, 70)
+        bins = log_bins([np.maximum(errors[unit], _LEAST[unit]) for errors in values])
         for axes, found, errors in zip(panels[:, column], shown, values, strict=True):
             _histogram(axes, np.maximum(errors[unit], _LEAST[unit]), bins)
             if column == 0:
                 axes.set_ylabel(f"{found.protocol or 'task'}\n[% of rows]")
         panels[-1, column].set_xlabel(_UNITS[unit])
-    for _, style, name in _MARKS:
-        panels[0, 0].plot([], [], style, color=INK, linewidth=1.5, label=name)
+    percentile_key(panels[0, 0])
     figure.legend(loc="outside upper center", ncols=3, title="errors of the inverter alone; percentiles:")
 
 
@@ -168,12 +164,7 @@ def _histogram(axes: Any, errors: np.ndarray, bins: np.ndarray) -> None:
     finite = errors[np.isfinite(errors)]
     axes.hist(finite, bins=bins, weights=np.full(len(finite), 100 / len(errors)), color=PALETTE[5])
     axes.set_xscale("log")
-    ranked, marks = np.sort(errors), []
-    for share, style, _ in _MARKS:
-        marks.append(ranked[min(len(ranked) - 1, int(share * len(ranked)))])
-        if np.isfinite(marks[-1]):
-            axes.axvline(marks[-1], color=INK, linewidth=1.5, linestyle=style)
-    axes.set_title(" / ".join(map(number, marks)), loc="right", fontsize=10, pad=2)
+    draw_percentiles(axes, errors)
     lost = len(errors) - len(finite)
     if lost:
         axes.text(0.5, 0.5, f"{lost:,} rows not finite", transform=axes.transAxes, ha="center", color=PALETTE[1])
@@ -181,31 +172,12 @@ def _histogram(axes: Any, errors: np.ndarray, bins: np.ndarray) -> None:
 
 def _workspace(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) -> None:
     """Median position error by distance from the first joint's axis and by height."""
-    from matplotlib.colors import LogNorm
-    from matplotlib.ticker import LogFormatterSciNotation
-
     assert found.answers is not None
     axes = figure.subplots()
-    p = found.answers.T_target[:, :3, 3] - robot.detach().tables().origins[0, :3, 3]
-    radius, height = p[:, :2].norm(dim=-1).numpy(), found.answers.T_target[:, 2, 3].numpy()
     mm = np.maximum(_in_units(errors)["mm"], _LEAST["mm"])
-    edges = [np.linspace(x.min(), x.max() + 1e-9, _CELLS + 1) for x in (radius, height)]
-    places = [np.clip(np.digitize(x, e) - 1, 0, _CELLS - 1) for x, e in zip((radius, height), edges, strict=True)]
-    grid = np.full((_CELLS, _CELLS), np.nan)
-    flat = places[1] * _CELLS + places[0]
-    for cell in np.unique(flat):
-        inside = mm[flat == cell]
-        if len(inside) >= _ROWS_A_CELL:
-            grid.flat[cell] = np.median(inside)
-    drawn = grid[np.isfinite(grid)]
-    norm = LogNorm(drawn.min() / 1.001, drawn.max() * 1.001) if len(drawn) else None
-    picture = axes.pcolormesh(*edges, np.ma.masked_invalid(grid), cmap="cividis", norm=norm)
-    axes.grid(visible=False)
-    axes.set_aspect("equal")
-    axes.set(xlabel="distance from the first axis [m]", ylabel="height [m]")
+    cells = cells_of(robot, found.answers.T_target[:, :3, 3].numpy(), mm)
+    draw_cells(axes, cells, label="median position error [mm]", log=True)
     axes.set_title(f"{found.protocol or 'task'}: median error by place of the target", fontsize=11)
-    bar = figure.colorbar(picture, ax=axes, label="median position error [mm]", location="bottom", aspect=30)
-    bar.ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(0.6, 0.2)))  # else labels overlap
 
 
 def _worst(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) -> None:
@@ -219,13 +191,10 @@ def _worst(figure: Any, found: Evaluation, robot: Robot, errors: RowErrors) -> N
         mm, deg = float(errors.position[row] * 1e3), float(errors.rotation[row].rad2deg())
         axes.text2D(0.02, 1.0, f"{number(mm)} mm, {number(deg)} deg off", fontsize=11, transform=axes.transAxes)
         if k == 0:
-            for colour, name in zip(_AXIS_COLOURS, "xyz", strict=True):
+            for colour, name in zip(AXIS_COLOURS, "xyz", strict=True):
                 axes.plot([], [], color=colour, linewidth=3, label=f"{name} asked for")
             axes.plot([], [], color=INK, linewidth=1.5, linestyle=":", label="what is missing")
     figure.legend(loc="outside lower center", ncols=4)
-
-
-_AXIS_COLOURS = (PALETTE[1], PALETTE[2], PALETTE[0])
 
 
 def _arm(axes: Any, robot: Robot, q: Tensor, T_target: Tensor) -> None:
@@ -234,12 +203,10 @@ def _arm(axes: Any, robot: Robot, q: Tensor, T_target: Tensor) -> None:
     size = 0.16 * float(np.ptp(links, axis=0).max() or 1.0)
     mesh = arm_mesh(links, 0.22 * size)
     ends = target[:3, 3] + size * target[:3, :3].T
-    draw_floor(axes, np.concatenate([links, tip[None, :3, 3], ends]), [mesh], margin=0.9 * size)
+    draw_floor(axes, np.concatenate([links, tip[None, :3, 3], ends]), [mesh], margin=0.9 * size, zoom=1.0)
     draw_meshes(axes, [mesh])
     for T, width, alpha in ((tip, 1.5, 0.55), (target, 3.5, 1.0)):
-        for axis, colour in enumerate(_AXIS_COLOURS):
-            ray = np.stack([T[:3, 3], T[:3, 3] + size * T[:3, axis]])
-            axes.plot(*ray.T, color=colour, linewidth=width, alpha=alpha, zorder=7, solid_capstyle="round")
+        draw_frame(axes, T, size, width=width, alpha=alpha)
     axes.plot(*np.stack([tip[:3, 3], target[:3, 3]]).T, color=INK, linewidth=1.5, linestyle=":", zorder=6)
     axes.view_init(20.0, -50.0)
     axes.tick_params(labelsize=8)

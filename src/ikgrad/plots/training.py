@@ -113,7 +113,7 @@ def performance(
         left.set(yscale="log", xlabel="epoch", ylabel=ylabel)
         left.margins(x=0.03)
         left.set_title("median and range over the seeds", fontsize=10)
-        left.legend()
+        left.legend(loc="best")
         ends = np.array([min(targets.min(), answers.min()), max(targets.max(), answers.max())])
         right.plot(ends, ends, color=FAINT, linewidth=1.0)
         for k, colour in zip(range(targets.shape[1]), PALETTE, strict=False):

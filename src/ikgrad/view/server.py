@@ -37,7 +37,7 @@ def start_server(*, host: str = "127.0.0.1", port: int = 8080, label: str | None
         ) from error
     with _quiet():
         server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
-    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]  # nothing leaves this machine
+    server.request_share_url = lambda verbose=True: None  # nothing leaves this machine
     server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="large")
     return server
 

@@ -8,7 +8,7 @@ from ikgrad.cli.parsing import Commands, count, example
 from ikgrad.cli.reproduce.shared import add_options, add_resume, configured, reproduce
 
 FIGURES = ("figure04", "figure06", "figure11", "figure12", "figure13", "figure14", "drift")
-FILES = (*(f"denso_{name}.png" for name in FIGURES), "denso.json")
+FILES = (*(f"denso_{name}.png" for name in FIGURES), "denso.json", "denso_study.npz")
 
 
 def add(papers: Commands) -> None:

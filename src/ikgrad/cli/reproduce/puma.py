@@ -11,7 +11,7 @@ from ikgrad.cli.reproduce.shared import add_options, add_resume, reproduce, with
 if TYPE_CHECKING:
     from ikgrad.config import PumaConfig
 
-FILES = ("puma_learning.png", "puma_errors.png", "puma_path.png", "puma.json")
+FILES = ("puma_learning.png", "puma_errors.png", "puma_path.png", "puma.json", "puma_study.npz")
 FULL = 1_000_000  # the paper's N
 
 

@@ -116,12 +116,13 @@ def check_outputs(folder: str | None, names: Iterable[str], *, force: bool) -> d
     if folder is None:
         return {}
     paths = (Path(folder) / name for name in names)
-    return {path.stem: check_output(path, [".png", ".json"], force=force) for path in paths}
+    return {path.stem: check_output(path, [".png", ".json", ".npz"], force=force) for path in paths}
 
 
 def write_outputs(study: Any, outputs: Mapping[str, Path], figures: Mapping[str, Callable[[Any], Any]]) -> None:
     """Figures and numbers of a study; every file appears whole."""
     from ikgrad.files.places import in_one_move
+    from ikgrad.papers.store import save_study
     from ikgrad.plots import save_figure
 
     for name, path in outputs.items():
@@ -129,6 +130,9 @@ def write_outputs(study: Any, outputs: Mapping[str, Path], figures: Mapping[str,
             save_figure(figures[name](study), path)
             continue
         with in_one_move(path, force=True) as temporary:
+            if path.suffix == ".npz":
+                save_study(study, temporary)
+                continue
             temporary.write_text(json.dumps(study.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if outputs:
         note(f"wrote {', '.join(path.name for path in outputs.values())} to {next(iter(outputs.values())).parent}")

@@ -8,7 +8,7 @@ from ikgrad.cli.parsing import Commands, count, example
 from ikgrad.cli.reproduce.shared import add_options, configured, reproduce
 
 FIGURES = ("joints", "errors", "path", "sweep")
-FILES = (*(f"trajectory_{name}.png" for name in FIGURES), "trajectory.json")
+FILES = (*(f"trajectory_{name}.png" for name in FIGURES), "trajectory.json", "trajectory_study.npz")
 
 
 def add(papers: Commands) -> None:
