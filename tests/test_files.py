@@ -314,7 +314,9 @@ def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch, use
     path = tmp_path / "p.parquet"
     if use is open_poses:
         path.touch()
-    with pytest.raises(MissingExtraError, match=re.escape("p.parquet: Parquet files need pyarrow; pip install 'ikgrad[data]'")):
+    with pytest.raises(
+        MissingExtraError, match=re.escape("p.parquet: Parquet files need pyarrow; pip install 'ikgrad[data]'")
+    ):
         use(path)
 
 

@@ -8,6 +8,7 @@ from types import ModuleType
 
 from ikgrad.errors import MissingExtraError
 
+
 def need(module: str, *, extra: str, what: str) -> ModuleType:
     """Import a package that only an extra brings.
 

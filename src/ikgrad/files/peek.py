@@ -41,7 +41,7 @@ class Peek:
 
 
 def peek(path: str | Path) -> Peek:
-    """Look at a file or folder.
+    r"""Look at a file or folder.
 
     Raises:
         DataError: there is none, it cannot be read, or it begins like a kind of file and is damaged.
@@ -50,7 +50,7 @@ def peek(path: str | Path) -> Peek:
     Example:
         >>> import tempfile
         >>> path = Path(tempfile.mkdtemp(), "numbers.txt")
-        >>> _ = path.write_text("x_m,y_m\\n1,2\\n")
+        >>> _ = path.write_text("x_m,y_m\n1,2\n")
         >>> peek(path).kind, peek(path).columns
         ('.csv', ('x_m', 'y_m'))
     """

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +39,10 @@ def read_results(path: str | Path, kind: str) -> Columns:
         ['converged']
     """
     path = Path(path)
+    read: dict[str, Callable[[Path], Mapping[str, Any]]] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
     try:
-        raw = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}[kind](path)
-        columns = {
+        raw = read[kind](path)
+        columns: Columns = {
             "position_error_m": np.asarray(raw["position_error_m"], dtype=np.float64),
             "rotation_error_rad": np.asarray(raw["rotation_error_rad"], dtype=np.float64),
             "success": np.array([_WORDS[str(value).lower()] for value in raw["success"]], dtype=bool),

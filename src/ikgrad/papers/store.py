@@ -65,7 +65,11 @@ def _encode(value: Any, arrays: dict[str, np.ndarray]) -> Any:
         fields = {field.name: _encode(getattr(value, field.name), arrays) for field in dataclasses.fields(value)}
         return {_TYPE: "record", "of": _name(type(value)), "fields": fields}
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return {_TYPE: "record", "of": _name(type(value)), "fields": _encode(value._asdict(), arrays)["items"]}
+        return {
+            _TYPE: "record",
+            "of": _name(type(value)),
+            "fields": _encode(dict(zip(value._fields, value, strict=True)), arrays)["items"],
+        }
     if isinstance(value, tuple):
         return {_TYPE: "tuple", "items": [_encode(item, arrays) for item in value]}
     if isinstance(value, list):

@@ -66,7 +66,12 @@ def arm_path(
 
 
 def arm_frames(
-    robot: Robot, q: Tensor, *, targets: Tensor | None = None, view: tuple[float, float] = (20.0, -50.0), title: str = ""
+    robot: Robot,
+    q: Tensor,
+    *,
+    targets: Tensor | None = None,
+    view: tuple[float, float] = (20.0, -50.0),
+    title: str = "",
 ) -> Figure:
     """An arm in space with the frames of its base, its joints and its tip; perhaps with frames that it should reach.
 
@@ -163,5 +168,7 @@ def draw_floor(
         axis.set_pane_color((1, 1, 1, 0))
         axis.line.set_color("#BBBBBB")
         axis._axinfo["grid"].update(color="#E8E8E8", linewidth=0.6)  # no public way to colour 3-D grids
+    if not meshes:
+        return
     dark = Poly3DCollection(shadow(meshes[0].faces, low[2]), facecolors="#DDDDDD", edgecolors="none", zorder=1)
     axes.add_collection3d(dark)

@@ -8,9 +8,12 @@ import numpy as np
 
 from ikgrad.plots.histograms import draw_percentiles, log_bins, percentile_key
 from ikgrad.plots.style import PALETTE, new_figure, power, styled
+from ikgrad.plots.workspace import draw_workspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ikgrad.robot import Robot
 
 
 COLOURS = (PALETTE[0], PALETTE[1])  # converged, and all else
@@ -23,6 +26,8 @@ def solve_summary(
     reasons: np.ndarray,
     *,
     title: str = "",
+    robot: Robot | None = None,
+    p: np.ndarray | None = None,
 ) -> Figure:
     """Histograms of the errors and of the steps, and a bar for each reason.
 
@@ -34,6 +39,8 @@ def solve_summary(
         steps: (N,)
         reasons: (N,) text.
         title: above all.
+        robot: with ``p``: draw the errors over the workspace, too, see `workspace_errors`.
+        p: (N, 3) where the tip is [m].
 
     Example:
         >>> errors, reasons = np.array([1e-9, 0.0, np.nan]), np.array(["converged", "converged", "invalid_target"])
@@ -42,8 +49,8 @@ def solve_summary(
     """
     solved = reasons == "converged"
     with styled():
-        figure = new_figure((10.0, 6.8))
-        axes = figure.subplots(2, 2)
+        figure, upper, lower = _parts(robot is not None and p is not None)
+        axes = upper.subplots(2, 2)
         _errors(axes[0, 0], position_error, solved, "position error [m]")
         _errors(axes[0, 1], rotation_error, solved, "rotation error [rad]")
         _steps(axes[1, 0], steps, solved)
@@ -51,8 +58,20 @@ def solve_summary(
         for colour, name in zip(COLOURS, ("converged", "other reasons"), strict=True):
             axes[0, 0].bar(0, 0, color=colour, label=name)
         percentile_key(axes[0, 0])
-        figure.legend(loc="outside upper center", ncols=5, title=title, title_fontsize=13)
+        upper.legend(loc="outside upper center", ncols=5, title=title, title_fontsize=13)
+        if lower is not None and robot is not None and p is not None:
+            draw_workspace(lower, robot, p, position_error, solved)
     return figure
+
+
+def _parts(with_workspace: bool) -> tuple[Figure, Any, Any]:
+    """The whole, the place for the charts, and perhaps one for the workspace."""
+    if not with_workspace:
+        figure = new_figure((10.0, 6.8))
+        return figure, figure, None
+    figure = new_figure((10.0, 12.0))
+    upper, lower = list(figure.subfigures(2, 1, height_ratios=(6.8, 5.2)))  # type: ignore[arg-type]
+    return figure, upper, lower
 
 
 def _errors(axes: Any, error: np.ndarray, solved: np.ndarray, label: str) -> None:

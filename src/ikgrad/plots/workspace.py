@@ -59,7 +59,7 @@ def cells_of(
     for place, inside in zip(places, np.split(values[order], starts[1:]), strict=True):
         if len(inside) >= ROWS_A_CELL:
             grid.flat[place] = reduce(inside)
-    return Cells(*edges, grid)
+    return Cells(edges[0], edges[1], grid)
 
 
 def draw_cells(axes: Any, found: Cells, *, label: str, log: bool = False, top: float | None = None) -> None:
@@ -110,22 +110,27 @@ def workspace_errors(
         >>> figure.axes[1].get_title()
         'not solved'
     """
-    kept = np.isfinite(p).all(axis=1) & np.isfinite(position_error)
-    count = int(np.clip(np.sqrt(kept.sum() / 25), 6, 36))
     with styled():
         figure = new_figure((10.0, 5.4))
-        left, right = figure.subplots(1, 2)
-        smallest = position_error[position_error > 0].min(initial=1e-12)
-        mm = 1e3 * np.maximum(position_error[kept], smallest)
-        draw_cells(left, cells_of(robot, p[kept], mm, cells=count), label="median position error [mm]", log=True)
-        lost = 100.0 * ~success[kept]
-        shares = cells_of(robot, p[kept], lost, cells=count, reduce=np.mean)
-        top = max(1.0, float(np.nan_to_num(shares.values).max()))
-        draw_cells(right, shares, label="share not solved [% of rows]", top=top)
-        left.set_title("median error")
-        right.set_title("not solved")
+        draw_workspace(figure, robot, p, position_error, success)
         figure.suptitle(title)
     return figure
 
 
-__all__ = ["Cells", "cells_of", "draw_cells", "workspace_errors"]
+def draw_workspace(figure: Any, robot: Robot, p: np.ndarray, position_error: np.ndarray, success: np.ndarray) -> None:
+    """The panels of `workspace_errors` in a figure or a part of one; arguments as there."""
+    kept = np.isfinite(p).all(axis=1) & np.isfinite(position_error)
+    count = int(np.clip(np.sqrt(kept.sum() / 25), 6, 36))
+    smallest = position_error[kept & (position_error > 0)].min(initial=1.0)
+    mm = 1e3 * np.maximum(position_error[kept], smallest)
+    lost = 100.0 * ~success[kept]
+    left, right = figure.subplots(1, 2)
+    draw_cells(left, cells_of(robot, p[kept], mm, cells=count), label="median position error [mm]", log=True)
+    shares = cells_of(robot, p[kept], lost, cells=count, reduce=np.mean)
+    top = max(1.0, float(np.nan_to_num(shares.values).max()))
+    draw_cells(right, shares, label="share not solved [% of rows]", top=top)
+    left.set_title("median error")
+    right.set_title("not solved")
+
+
+__all__ = ["Cells", "cells_of", "draw_cells", "draw_workspace", "workspace_errors"]

@@ -7,7 +7,14 @@ import argparse
 from ikgrad.cli.parsing import Commands, count, example
 from ikgrad.cli.reproduce.shared import add_options, configured, reproduce
 
-FILES = ("apps_convergence.png", "apps_path.png", "apps_learning_rate.png", "apps_iterations.png", "apps.json", "apps_study.npz")
+FILES = (
+    "apps_convergence.png",
+    "apps_path.png",
+    "apps_learning_rate.png",
+    "apps_iterations.png",
+    "apps.json",
+    "apps_study.npz",
+)
 
 
 def add(papers: Commands) -> None:
