@@ -149,7 +149,7 @@ def draw_meshes(axes: Any, meshes: Sequence[Mesh]) -> None:
 
 
 def draw_floor(
-    axes: Any, everything: np.ndarray, meshes: Sequence[Mesh], *, margin: float = 0.25, zoom: float = 1.1
+    axes: Any, everything: np.ndarray, meshes: Sequence[Mesh], *, margin: float = 0.25, zoom: float = 1.0
 ) -> None:
     """Equal scales, a plain floor at z = 0 with the first arm's shadow, no walls, and so many metres around it all."""
     from matplotlib.ticker import MaxNLocator

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ikgrad.plots.style import INK, PALETTE, new_figure, styled
+from ikgrad.plots.style import INK, PALETTE, calm_log, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +50,9 @@ def on_one_axis(curves: Sequence[Curve]) -> tuple[np.ndarray, np.ndarray]:
 def curve_panels(
     groups: Sequence[Group], panels: Mapping[str, Sequence[str]], *, xlabel: str, title: str = ""
 ) -> Figure:
-    """One panel a list of quantities, both axes logarithmic; a colour a group, a dash a quantity.
+    """One panel a list of quantities; a colour a group, a dash a quantity.
+
+    Values are logarithmic, places too where they span two decades.
 
     Args:
         groups: at most seven.
@@ -80,6 +82,7 @@ def curve_panels(
                                 x, np.nanmin(y, axis=1), np.nanmax(y, axis=1), color=colour, alpha=0.18, linewidth=0
                             )
             axes.set(yscale="log", ylabel=label)
+            calm_log(axes.yaxis)
             for style, quantity in zip(_STYLES, quantities, strict=False):
                 if any(quantity in group.lines for group in groups):
                     axes.plot([], [], style, color=INK, label=quantity)
@@ -87,7 +90,10 @@ def curve_panels(
         if len(groups) > 1:
             handles = [Line2D([], [], color=colour) for colour, _ in zip(PALETTE, groups, strict=False)]
             figure.legend(handles, [group.name for group in groups], loc="outside lower center", ncols=2)
-        all_axes[-1].set(xscale="log", xlabel=xlabel)
+        x = np.concatenate([curve.x for group in groups for curves in group.lines.values() for curve in curves])
+        if x.min(initial=1.0, where=x > 0) * 100 <= x.max():
+            all_axes[-1].set_xscale("log")
+        all_axes[-1].set_xlabel(xlabel)
         figure.suptitle(title, fontsize=12)
     return figure
 

@@ -203,7 +203,7 @@ def _arm(axes: Any, robot: Robot, q: Tensor, T_target: Tensor) -> None:
     size = 0.16 * float(np.ptp(links, axis=0).max() or 1.0)
     mesh = arm_mesh(links, 0.22 * size)
     ends = target[:3, 3] + size * target[:3, :3].T
-    draw_floor(axes, np.concatenate([links, tip[None, :3, 3], ends]), [mesh], margin=0.9 * size, zoom=1.0)
+    draw_floor(axes, np.concatenate([links, tip[None, :3, 3], ends]), [mesh], margin=0.9 * size, zoom=0.95)
     draw_meshes(axes, [mesh])
     for T, width, alpha in ((tip, 1.5, 0.55), (target, 3.5, 1.0)):
         draw_frame(axes, T, size, width=width, alpha=alpha)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikgrad.plots.style import FAINT, INK, PALETTE, new_figure, styled
+from ikgrad.plots.style import FAINT, INK, PALETTE, calm_log, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ def method_errors(records: Sequence[Record], *, title: str = "") -> Figure:
 
 def _whiskers(axes: Any, rows: Sequence[Record], unit: str) -> None:
     for place, row in enumerate(rows):
-        colour = _colour(row["method"])
+        colour = _colour(row)
         values = [max(_LEAST[unit], np.inf if value is None else value) for value in row["errors"][unit]]
         drawn = [value for value in values if np.isfinite(value)]
         axes.plot(drawn, [place] * len(drawn), color=colour, linewidth=1.6)
@@ -60,37 +60,56 @@ def _whiskers(axes: Any, rows: Sequence[Record], unit: str) -> None:
 
 
 def method_speed(records: Sequence[Record], *, title: str = "") -> Figure:
-    """The 95th percentile of the position error against the time a pose, one panel a protocol.
+    """The 95th percentile of the position error against the time a pose, one panel a protocol that asks the inverter.
 
     Args:
         records: of evaluations.
         title: above all.
     """
-    columns = min(len(records), 3)
-    lines = -(-len(records) // columns)
+    records = [record for record in records if any(_kind(row) == "inverter" for row in record["rows"])]
+    columns = max(min(len(records), 3), 1)
+    lines = max(-(-len(records) // columns), 1)
     with styled():
-        figure = new_figure((4.6 * columns + 0.6, 3.9 * lines + 0.6))
+        figure = new_figure((4.4 * columns + 0.6, 3.7 * lines + 0.8))
         panels = list(figure.subplots(lines, columns, squeeze=False).flat)
         for axes, record in zip(panels, records, strict=False):
-            for kind, colour in (("inverter", PALETTE[1]), ("other", PALETTE[0])):
-                rows = [row for row in record["rows"] if row["method"].startswith("inverter") == (kind == "inverter")]
-                rows = [row for row in rows if row["errors"]["position_mm"][1] is not None]
-                errors = [max(row["errors"]["position_mm"][1], _LEAST["position_mm"]) for row in rows]
-                label = {"inverter": "inverter, then solver steps", "other": "without the inverter"}[kind]
-                axes.plot([row["microseconds"] for row in rows], errors, "o-", color=colour, linewidth=1.2, label=label)
+            for kind, (label, colour, style) in _KINDS.items():
+                rows = [row for row in record["rows"] if _kind(row) == kind]
+                times, errors = _times_and_errors(rows)
+                axes.plot(times, errors, style, color=colour, linewidth=1.2, label=label)
             axes.set(xscale="log", yscale="log", xlabel="time a pose [us]", ylabel="position error, 95 % [mm]")
-            axes.set_title(_name(record), loc="left", fontsize=11)
+            axes.set_title(record.get("protocol") or record["task"], loc="left", fontsize=11)
+            calm_log(axes.xaxis)
+            calm_log(axes.yaxis)
         for axes in panels[len(records) :]:
             axes.set_axis_off()
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         figure.suptitle(title, fontsize=13)
     return figure
 
 
-def _colour(method: str) -> str:
-    if method.startswith("inverter"):
-        return PALETTE[1]
-    return PALETTE[0] if method.startswith("solve_ik") else FAINT
+_KINDS = {
+    "inverter": ("the inverter, then with solver steps", PALETTE[1], "o-"),
+    "plain": ("plain solver steps", PALETTE[0], "s-"),
+    "solver": ("solve_ik", INK, "D"),
+}
+
+
+def _kind(row: Record) -> str:
+    if row["method"].startswith("inverter"):
+        return "inverter"
+    return "solver" if row["method"].startswith("solve_ik") else "plain"
+
+
+def _times_and_errors(rows: Sequence[Record]) -> tuple[list[float], list[float]]:
+    """Times a pose [us] and 95th percentiles [mm] in the order of time; what is not finite is left out."""
+    pairs = [(row["microseconds"], row["errors"]["position_mm"][1]) for row in rows]
+    kept = sorted((time, max(error, _LEAST["position_mm"])) for time, error in pairs if error is not None)
+    return [time for time, _ in kept], [error for _, error in kept]
+
+
+def _colour(row: Record) -> str:
+    return {"inverter": PALETTE[1], "plain": FAINT, "solver": PALETTE[0]}[_kind(row)]
 
 
 def _name(record: Record) -> str:

@@ -38,7 +38,6 @@ def pose_places(T: np.ndarray, *, title: str = "") -> Figure:
         above.set(xlabel="x [m]", ylabel="y [m]", title="from above; +: the base")
         _points(side, np.linalg.norm(p[:, :2], axis=1), p[:, 2])
         side.set(xlabel="distance from the z axis [m]", ylabel="z [m]", title="from the side")
-        side.set_xlim(left=0.0)
         turned.hist(tilt, bins=np.linspace(0, 180, 37), weights=np.full(len(p), 100 / len(p)), color=PALETTE[0])
         turned.set(xlabel="tool's z axis from vertical [deg]", ylabel="poses [%]", xticks=range(0, 181, 45))
         turned.set_title("0: up, 180: down")
@@ -80,7 +79,7 @@ def _points(axes: Any, x: np.ndarray, y: np.ndarray) -> None:
     else:
         picture = axes.hexbin(x, y, gridsize=36, mincnt=1, cmap="cividis")
         axes.figure.colorbar(picture, ax=axes, label="poses a cell [-]", location="bottom", aspect=30)
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal")
 
 
 __all__ = ["FRAMES", "pose_frames", "pose_places"]

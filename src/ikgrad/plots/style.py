@@ -91,6 +91,13 @@ def to_png(figure: Figure, *, dpi: int = 90) -> bytes:
     return buffer.getvalue()
 
 
+def calm_log(axis: Any) -> None:
+    """Fewer labels between the powers of ten of a logarithmic axis, else they overlap."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    axis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.0, 0.2)))
+
+
 def power(value: float) -> str:
     """1e-09 as 1e-9."""
     return f"{value:g}".replace("e-0", "e-")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,7 +55,9 @@ def traces(
                 axes.text(0.99, 0.97, notes[p], transform=axes.transAxes, ha="right", va="top", fontsize=9)
         all_axes[-1].set_xlabel(xlabel)
         if 1 < len(lines) <= len(PALETTE):  # beyond, colours repeat and name nothing
-            all_axes[0].legend(ncols=min(len(lines), 5 if len(max(lines, key=len)) < 16 else 2), fontsize=9)
+            handles, names = all_axes[0].get_legend_handles_labels()
+            columns = min(len(lines), 5 if len(max(lines, key=len)) < 16 else 2)
+            figure.legend(handles, names, loc="outside lower center", ncols=columns, fontsize=9)
         if title:
             figure.suptitle(title, fontsize=11)
     return figure
@@ -88,7 +90,7 @@ def curves_in_space(
         for name, xyz in (points or {}).items():
             axes.plot(*xyz[:, None], "o", color=INK, markersize=7, markeredgecolor="white", zorder=8)
             axes.text(*(xyz + 0.04 * np.ptp(everything, axis=0)), name, fontsize=13, zorder=9)
-        axes.set_box_aspect(np.ptp(everything, axis=0), zoom=0.95)
+        _widen(axes, everything)
         axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]", zlabel=f"z [{unit}]")
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_pane_color((1, 1, 1, 0))
@@ -144,6 +146,19 @@ def closeups(
         if title:
             figure.suptitle(title, fontsize=11)
     return figure
+
+
+def _widen(axes: Any, xyz: np.ndarray) -> None:
+    """Equal scales; a narrow side becomes wider and gets fewer ticks, else its labels find no room."""
+    from matplotlib.ticker import MaxNLocator
+
+    middle, span = (xyz.max(axis=0) + xyz.min(axis=0)) / 2, np.ptp(xyz, axis=0)
+    shown = 1.08 * np.maximum(span, 0.45 * span.max())
+    low, high = middle - shown / 2, middle + shown / 2
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(shown, zoom=0.88)
+    for axis, share in zip((axes.xaxis, axes.yaxis, axes.zaxis), shown / shown.max(), strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(5 * share))))
 
 
 __all__ = ["closeups", "curves_in_space", "traces"]

@@ -73,7 +73,7 @@ def spread(
         if reference:
             panels[0].plot([], [], color=INK, linewidth=1.4, linestyle="--", label=reference_label)
         panels[0].plot([], [], "o", color=FAINT, markersize=4, label="one seed; bar: median")
-        panels[0].legend(loc="upper right")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         panels[0].set_ylabel(ylabel)
     return figure
 

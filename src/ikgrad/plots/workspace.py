@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ikgrad.plots.style import FAINT, new_figure, styled
+from ikgrad.plots.style import FAINT, calm_log, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +73,6 @@ def draw_cells(axes: Any, found: Cells, *, label: str, log: bool = False, top: f
         top: the scale goes from 0 to this; default: from the smallest to the largest value.
     """
     from matplotlib.colors import LogNorm, Normalize
-    from matplotlib.ticker import LogFormatterSciNotation
 
     axes.grid(visible=False)
     axes.set(xlabel="distance from the first axis [m]", ylabel="height [m]", aspect="equal")
@@ -88,7 +87,7 @@ def draw_cells(axes: Any, found: Cells, *, label: str, log: bool = False, top: f
     picture = axes.pcolormesh(found.x, found.y, np.ma.masked_invalid(found.values), cmap="cividis", norm=norm)
     bar = axes.figure.colorbar(picture, ax=axes, label=label, location="bottom", aspect=30)
     if log:
-        bar.ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(0.6, 0.2)))  # else labels overlap
+        calm_log(bar.ax.xaxis)
 
 
 def workspace_errors(
