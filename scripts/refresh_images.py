@@ -1,4 +1,4 @@
-"""Draw the reference pictures in tests/images anew: python scripts/refresh_images.py [NAME ...]
+"""Draw the reference pictures in tests/images anew: ``python scripts/refresh_images.py [NAME ...]``.
 
 Prints which of them changed, and by how much; those within the tolerance of the test stay as they are.
 """

@@ -1,4 +1,4 @@
-"""Figures look as they did: every case against its reference picture, and the comparison against pictures that changed."""
+"""Figures look as they did: every case against its reference picture; and the comparison refuses what changed."""
 
 from __future__ import annotations
 

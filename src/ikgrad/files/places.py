@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from ikgrad.errors import DataError
+from ikgrad.extras import check
 
 HOST = re.sub(r"[^A-Za-z0-9-]", "-", platform.node())[:24] or "host"  # in names of temporary files, on shared folders
 
@@ -47,6 +48,7 @@ def check_output(
 
     Raises:
         DataError: unknown suffix, no such folder, not writable, or the file exists.
+        MissingExtraError: a Parquet file without pyarrow.
 
     Example:
         >>> check_output("joints.txt", [".csv", ".npz"])
@@ -55,6 +57,8 @@ def check_output(
     """
     path = Path(path)
     check_suffix(path, suffixes)
+    if path.suffix.lower() == ".parquet":
+        check("pyarrow", extra="data", what=f"{path}: Parquet files")
     if not path.parent.is_dir():
         raise DataError(f"{path}: the folder '{path.parent}' does not exist; create it first")
     if path.is_dir():
