@@ -20,7 +20,7 @@ LAYERS = [
     {"segments", "robot", "pk_chain", "dh", "urdf", "config"},
     {"kinematics", "engine"},
     {"solvers", "collision", "data", "files"},
-    {"networks", "planning"},
+    {"networks", "planning", "workspace"},
     {"training", "export", "jobs"},
     {"evaluation"},
     {"papers", "plots", "bench"},

@@ -46,6 +46,8 @@ _HOME = {
     "optimize_trajectory": "planning.optimize",
     "OptimizedTrajectory": "planning.result",
     "PlanReason": "planning.result",
+    "reachability": "workspace.survey",
+    "WorkspaceMap": "workspace.result",
     "Inverter": "networks.inverter",
     "IncrementInverter": "networks.local",
     "UnrolledInverter": "networks.local",

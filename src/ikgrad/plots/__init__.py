@@ -16,6 +16,7 @@ from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
 from ikgrad.plots.sweep import save_sweep, swept_arm
 from ikgrad.plots.tracking import closeups, curves_in_space, traces
 from ikgrad.plots.training import learning_curves, performance, spread
+from ikgrad.plots.maps import workspace_map
 from ikgrad.plots.workspace import workspace_errors
 
 __all__ = [
@@ -46,4 +47,5 @@ __all__ = [
     "to_png",
     "traces",
     "workspace_errors",
+    "workspace_map",
 ]
