@@ -1,10 +1,11 @@
 """Check a map of `ikgrad map` against brute force that shares nothing with how it was made.
 
-1. Cells are drawn at random, and every orientation is tried in each: first by `solve_ik` in plain torch operations, from
-   many random starts and another seed, then, where that fails, by the compiled `solve_ik` with all its 300 starts. The map
-   itself used the compiled solver with few starts, and its neighbours' joints. Every answer is measured by yourdfpy.
-2. The joints that the map names are taken at their word: yourdfpy says where they bring the tip, and the condition number
-   is computed anew from a Jacobian of yourdfpy's joint frames.
+1. Cells are drawn at random, and every orientation is tried in each: first by `solve_ik` in plain torch operations,
+   from many random starts and another seed, then, where that fails, by the compiled `solve_ik` with all its 300
+   starts. The map itself used the compiled solver with few starts, and its neighbours' joints. Every answer is
+   measured, a sample of them by yourdfpy.
+2. The joints that the map names are taken at their word: yourdfpy says where they bring the tip, and the condition
+   number is computed anew from a Jacobian of yourdfpy's joint frames.
 
     ikgrad map --robot panda -o panda_map.parquet
     python scripts/check_map.py panda_map.parquet --robot panda
@@ -86,7 +87,8 @@ def brute_force(robot: ik.Robot, arm: Arm, centres: torch.Tensor, rotations: tor
     pieces = [ik.solve_ik(robot, part, solver=plain, seed=args.seed, limits=True) for part in T.split(10_000)]
     q, met = torch.cat([piece.q for piece in pieces]), torch.cat([piece.success for piece in pieces])
     seconds = time.perf_counter() - begin
-    print(f"torch, {args.starts} random starts: {int(met.sum()):,} of {len(T):,} poses reached, {seconds:.0f} s", flush=True)
+    found = f"{int(met.sum()):,} of {len(T):,} poses reached, {seconds:.0f} s"
+    print(f"torch, {args.starts} random starts: {found}", flush=True)
     rest = torch.nonzero(~met).flatten()
     again = ik.solve_ik(robot, T[rest], seed=args.seed + 1)
     q[rest], met[rest] = again.q, again.success
@@ -94,7 +96,7 @@ def brute_force(robot: ik.Robot, arm: Arm, centres: torch.Tensor, rotations: tor
     worst = 0.0
     for k in torch.nonzero(met).flatten()[:: max(1, int(met.sum()) // 5000)].tolist():
         worst = max(worst, float(np.abs(arm.pose(q[k].numpy()) - T[k].numpy()).max()))
-    print(f"5,000 of the answers by yourdfpy: poses off by {worst:.2g} at most")
+    print(f"5,000 of the answers, by yourdfpy: poses off by {worst:.2g} at most")
     assert worst < 2 * TOLERANCE
     return met.view(len(centres), len(rotations))
 
@@ -104,14 +106,16 @@ def compare(cells: dict[str, np.ndarray], reached: np.ndarray, orientations: int
     ours, certain = np.rint(cells["share"] * orientations), np.rint(cells["unreachable"] * orientations)
     off = reached - ours
     print(f"poses reached: map {int(ours.sum()):,}, brute force {int(reached.sum()):,}")
-    print(f"cells with the same share: {100 * np.mean(off == 0):.1f} %; largest difference {np.abs(off).max():.0f} poses")
-    print(f"missed by the map, at least: {int(off.clip(0).sum())}; by brute force, at least: {int((-off).clip(0).sum())}")
+    print(f"cells with the same share: {100 * np.mean(off == 0):.1f} %")
+    print(f"largest difference: {np.abs(off).max():.0f} of {orientations} poses")
+    missed, found = int(off.clip(0).sum()), int((-off).clip(0).sum())
+    print(f"at least {missed} poses missed by the map, {found} by brute force")
     miss = off.clip(0).sum() / max(reached.sum(), 1)
     print(f"miss rate of the map: {1e6 * miss:.0f} of a million reached poses")
     print(f"certain claims broken: {int((reached > orientations - certain).sum())} cells")
 
 
-def witnesses(arm: Arm, robot: ik.Robot, cells: dict[str, np.ndarray], q: np.ndarray, centres: Any, rotations: Any) -> None:
+def witnesses(arm: Arm, robot: ik.Robot, cells: dict[str, np.ndarray], q: Any, centres: Any, rotations: Any) -> None:
     """The joints that the map names: pose and condition number by yourdfpy and numpy."""
     scale = np.r_[np.full(3, 1 / robot.typical_length), np.ones(3)]
     position, rotation, condition, manipulability = 0.0, 0.0, 0.0, 0.0

@@ -21,6 +21,104 @@ from ikgrad.collision import Spheres, link_segments
 from ikgrad.errors import ConfigError, DataError
 from ikgrad.plots import tubes
 
+LINKS = np.cumsum(np.random.default_rng(0).normal(size=(6, 3, 1, 3)), axis=1).repeat(2, axis=2)
+LINKS[:, :, 1] += 1.0
+HITS = np.arange(18).reshape(6, 3) % 4 == 0
+BALL = dict(centers=np.array([[1.0, 0.0, 0.5]]), radii=np.array([0.4]))
+CURVES = {name: 10.0 ** -np.linspace(0, 9, k) for name, k in (("a", 50), ("b", 90), ("c", 20))}
+
+
+def arm() -> object:
+    robot = ik.load_robot("kr210")
+    poses = [torch.zeros(6).double(), torch.full((6,), 0.3).double()]
+    path = ik.forward_kinematics(robot, torch.stack(poses))[:, :3, 3].numpy()
+    return plots.arm_path(robot, poses, paths={"way": path}, points={"end": path[-1]})
+
+
+T = np.linspace(0.0, 1.0, 40)
+WAY = np.stack([np.sin(6 * T), np.cos(6 * T), T], axis=1)
+RUNS = 10.0 ** -np.linspace([0, 0.5], [4, 6], 40)  # (E, S)
+
+
+def motions() -> dict[str, ik.Trajectory]:
+    ends = torch.tensor([[-0.8, 0.3, 0.0, -1.8, 0.0, 2.1, 0.8], [0.8, 0.3, 0.0, -1.8, 0.0, 2.1, 0.8]])
+    return {"line": ik.via_point_trajectory(ends, [0.0, 1.0], kind="quintic")}
+
+
+def among_obstacles() -> object:
+    ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
+    return plots.arm_motion(ik.load_robot("panda"), {**motions(), "again": motions()["line"]}, ball, poses=4)
+
+
+def with_clearance() -> object:
+    ball = Spheres(torch.tensor([[0.5, 0.0, 0.5]]), torch.tensor([0.12]))
+    both = {**motions(), "again": motions()["line"]}
+    return plots.arm_motion(ik.load_robot("panda"), both, ball, poses=2, margin=0.02)
+
+
+def among_poles() -> object:
+    pole = Capsules(torch.tensor([[[0.5, 0.0, 0.0], [0.5, 0.0, 0.5]]]), torch.tensor([0.06]))
+    return plots.arm_motion(ik.load_robot("panda"), motions(), pole, poses=3)
+
+
+@functools.cache
+def evaluated() -> list[Evaluation]:
+    inverter = ik.UnrolledInverter(ik.load_robot("panda"), rounds=1, width=8)
+    return [ik.evaluate(inverter, protocol(count=50), plain_steps=()) for protocol in (Local, TracIK, SmoothPath)]
+
+
+def page() -> object:
+    return plots.evaluation_page(evaluated(), ik.load_robot("panda"), title="panda")
+
+
+FIGURES = {
+    "evaluation_page": page,
+    "convergence": lambda: plots.convergence(CURVES, threshold=1e-9, printed={"a": 50, "b": 80}),
+    "one_curve": lambda: plots.convergence({"a": CURVES["a"]}, threshold=1e-9),
+    "learning_rates": lambda: plots.learning_rates(
+        {0.1: CURVES["a"], 1.0: CURVES["b"]},
+        {0.1: np.array([1e-9, 1e-8]), 1.0: np.array([1e-3, 2e-3])},
+        threshold=1e-9,
+        limit=60,
+    ),
+    "comparison_bars": lambda: plots.comparison_bars({"a": 3.0, "b": 5.0}, {"a": 3.0, "b": 4.0}, ylabel="count [-]"),
+    "arm_path": arm,
+    "learning_curves": lambda: plots.learning_curves({"a": (1.0 + np.arange(40), RUNS)}, ylabel="error [-]"),
+    "performance": lambda: plots.performance(
+        {"training": RUNS, "validation": 2 * RUNS},
+        WAY,
+        WAY + 0.1,
+        ylabel="error [rad$^2$]",
+        pair_unit="rad",
+        note="R = 0.9",
+        mark=(20, 1e-3, "theirs"),
+        title="both",
+    ),
+    "traces": lambda: plots.traces(
+        {"a": WAY, "b": 0.9 * WAY},
+        panels=["x [m]", "y [m]", "z [m]"],
+        x=T,
+        xlabel="time [s]",
+        limit=2,
+        notes=list("ijk"),
+    ),
+    "closeups": lambda: plots.closeups(
+        WAY, {"a": 1.01 * WAY}, x=T, windows=[(0.2, 0.5)] * 3, panels=list("xyz"), xlabel="time [s]", unit="m"
+    ),
+    "curves_in_space": lambda: plots.curves_in_space(
+        {"wanted": WAY, "a": 1.1 * WAY}, points={"i": WAY[3]}, unit="m", title="a path"
+    ),
+    "swept_arm": lambda: plots.swept_arm(
+        LINKS, predicted=LINKS + 0.1, touching=HITS, touching_predicted=~HITS, **BALL, title="sweep"
+    ),
+    "traces_of_one": lambda: plots.traces({"a": LINKS[:, 0, 0]}, panels=["x [m]", "y [m]", "z [m]"], xlabel="time [s]"),
+    "workspace_map": lambda: plots.workspace_map(ik.reachability(ik.load_robot("ur5e"), cell=0.1, orientations=2)),
+    "workspace_map_bare": lambda: plots.workspace_map(ik.reachability(ik.load_robot("ur5e"), cell=0.9, orientations=1)),
+    "arm_motion": among_obstacles,
+    "arm_motion_poles": among_poles,
+    "arm_motion_chart": with_clearance,
+}
+
 
 def pixels(path: Path) -> np.ndarray:
     return np.asarray(Image.open(path).convert("RGB"), dtype=float)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ikgrad.cli.parsing import Commands, add_robot_options, count, example, mask, positive, seed
-from ikgrad.cli.terminal import Interrupted, Progress, duration, print_json, print_table, stop_between_steps
+from ikgrad.cli.terminal import Progress, duration, print_json, print_table, stop_between_steps
 from ikgrad.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Search, write the table, draw, print the summary."""
+    from ikgrad.cli.solve_job import keeping
     from ikgrad.files import PartialRun
     from ikgrad.robot import load_robot
 
@@ -68,10 +69,11 @@ def run(args: argparse.Namespace) -> int:
     survey = _survey(args, robot)
     parts = PartialRun.open(output, survey.manifest(), resume=args.resume, force=args.force)
     begin = time.perf_counter()
-    _search(survey, parts)
+    with keeping(parts, keep_on_error=True):
+        _search(survey, parts)
+        found = survey.result()
+        found.save(output, force=args.force, folder=parts.folder)
     seconds = time.perf_counter() - begin
-    found = survey.result()
-    found.save(output, force=args.force, folder=parts.folder)
     parts.discard()
     if args.plot:
         _plot(found, args)
@@ -111,9 +113,9 @@ def _search(survey: Survey, parts: PartialRun) -> None:
     if parts.finished:
         survey.restore(parts.load(0))
     kept, saved = survey.done, time.monotonic()
-    try:
-        with stop_between_steps() as check, Progress("map", len(survey.rotations), "orientations") as progress:
-            progress.skip(survey.done)
+    with stop_between_steps() as check, Progress("map", len(survey.rotations), "orientations") as progress:
+        progress.skip(survey.done)
+        try:
             while not survey.finished:
                 survey.step()
                 progress.advance(1)
@@ -121,14 +123,10 @@ def _search(survey: Survey, parts: PartialRun) -> None:
                     parts.save(0, survey.state())
                     kept, saved = survey.done, time.monotonic()
                 check()
-    except KeyboardInterrupt:
-        if survey.done > kept:
-            parts.save(0, survey.state())
-        if not parts.finished:
-            parts.discard()
-            raise Interrupted("interrupted; nothing was written") from None
-        kept_in = f"{survey.done} of {len(survey.rotations)} orientations are kept in {parts.folder}"
-        raise Interrupted(f"interrupted; {kept_in}, the same command with --resume goes on from there") from None
+        except KeyboardInterrupt:
+            if survey.done > kept:
+                parts.save(0, survey.state())
+            raise
 
 
 def _plot(found: WorkspaceMap, args: argparse.Namespace) -> None:

@@ -14,6 +14,8 @@ from ikgrad import engine
 from ikgrad.engine.dexterity import dexterity
 from ikgrad.engine.poses import measure
 from ikgrad.robot import Robot
+from ikgrad.solvers.compiled import TABLE_STARTS
+from ikgrad.solvers.variety import DIFFERENT
 from ikgrad.workspace.bounds import Reach, Span, reach
 from ikgrad.workspace.flood import flood
 from ikgrad.workspace.grid import Grid
@@ -96,13 +98,13 @@ class Search:
         """
         chain, threads = engine.pack(self.robot.detach()), torch.get_num_threads()
         reached, q = np.empty(len(cells), dtype=bool), np.empty((len(cells), self.robot.dof))
-        options = {"guesses": 0} if fresh else {}
+        guesses = 0 if fresh else TABLE_STARTS
         for rows in _pieces(len(cells)):
             T = self._poses(cells[rows], rotation)
             found = engine.solve(
                 chain, T, None if q0 is None else q0[rows], weights=self.mask, tol_pos=self.tol_pos,
-                tol_rot=self.tol_rot, max_starts=starts, seed=(self.seed + fresh * _SPREAD) % 2**63, threads=threads,
-                **options,
+                tol_rot=self.tol_rot, max_starts=starts, seed=(self.seed + fresh * _SPREAD) % 2**63,
+                guesses=guesses, threads=threads,
             )  # fmt: skip
             q[rows] = found.q
             verdict = measure(
@@ -159,8 +161,6 @@ def distinct(search: Search, cells: np.ndarray, rotation: np.ndarray, q: np.ndar
     Returns:
         (B,) int64, at least 1.
     """
-    from ikgrad.solvers.variety import DIFFERENT
-
     periodic = search.robot.periodic.numpy()
     known = np.full((searches + 1, *q.shape), math.inf)
     known[0] = q
