@@ -73,6 +73,6 @@ def ball(centre: np.ndarray, radius: float, cell: float) -> Grid:
 
 def _numbers(number: np.ndarray, index: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Numbers of the cells at places of the box; -1 outside."""
-    within = np.logical_and(index >= 0, index < shape).all(axis=1)
-    place = np.ravel_multi_index(tuple(np.where(within[:, None], index, 0).T), tuple(shape))
-    return np.where(within, number[place], -1).astype(np.int32)
+    within = np.all((index >= 0) & (index < shape), axis=1, keepdims=True)
+    place = np.ravel_multi_index(tuple(np.where(within, index, 0).T), tuple(shape))
+    return np.where(within[:, 0], number[place], -1).astype(np.int32)
