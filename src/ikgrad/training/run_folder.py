@@ -26,6 +26,7 @@ from ikgrad.files.places import in_one_move
 from ikgrad.networks import save_inverter
 from ikgrad.networks.storage import AnyInverter
 from ikgrad.training.checkpoint import load_checkpoint, save_checkpoint
+from ikgrad.training.jobs import Job
 
 FORMAT = "ikgrad run 1"
 CONFIG, REPORT, HISTORY, CHECKPOINT, EVENTS = "config.yaml", "run.json", "history.csv", "checkpoint", "tensorboard"
@@ -38,6 +39,7 @@ class RunFolder:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
+        self._job: dict[str, Any] = {}
 
     @property
     def checkpoint(self) -> Path:
@@ -49,8 +51,16 @@ class RunFolder:
         """Of TensorBoard."""
         return self.path / EVENTS
 
-    def check(self, *, resume: bool, force: bool) -> None:
+    def check(self, *, resume: bool, force: bool, job: Job | None = None) -> bool:
         """Refuse a place that cannot be used, before any work is done.
+
+        Args:
+            resume: go on with the run that is there.
+            force: replace it.
+            job: of torchrun. A run that it began itself is gone on with, whatever the other two say.
+
+        Returns:
+            Whether to go on with what is there.
 
         Raises:
             DataError: it is no folder, holds something else, cannot be written to, or holds a run and neither
@@ -58,6 +68,9 @@ class RunFolder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise DataError(f"{self.path}: is a file, not a folder")
+        if job is not None:
+            self._job = {"job": job.record()}
+            resume = self._is_begun_by(job) or resume
         if self._has_content():
             if not (self.path / REPORT).is_file():
                 raise DataError(f"{self.path}: exists and holds no training run; choose another name")
@@ -69,6 +82,7 @@ class RunFolder:
                 pass
         except OSError as error:
             raise DataError(f"{self.path}: the folder '{parent}' is not writable: {error.strerror}") from error
+        return resume
 
     def open(self, manifest: Mapping[str, Any], config: AnyConfig, *, resume: bool) -> dict[str, Any] | None:
         """Begin a run, or go on with the one that is there.
@@ -92,6 +106,9 @@ class RunFolder:
         if report["state"] not in (RUNNING, FINISHED):
             raise DataError(f"{self.path}: this run has ended: {report['state']}; --force starts anew")
         self._sweep()
+        if self._job and report["state"] == RUNNING:
+            with self._writing():
+                self._write_report({**report, **self._job})  # from now on it is this job's
         if not self.checkpoint.exists():
             return None
         state = load_checkpoint(self.checkpoint)
@@ -127,7 +144,7 @@ class RunFolder:
             for folder, inverter in inverters.items():
                 save_inverter(inverter, folder, force=True)
             self._write(HISTORY, history)
-            self._write_report(report)
+            self._write_report({**report, **self._job})
             self.checkpoint.unlink(missing_ok=True)
 
     def models(self, members: int) -> list[Path]:
@@ -155,8 +172,14 @@ class RunFolder:
         with self._writing():
             self.path.mkdir(parents=True, exist_ok=True)
             self._clear()
-            self._write_report({"format": FORMAT, "state": RUNNING, "manifest": dict(manifest)})
+            self._write_report({"format": FORMAT, "state": RUNNING, "manifest": dict(manifest), **self._job})
             self._write(CONFIG, config.to_yaml())
+
+    def _is_begun_by(self, job: Job) -> bool:
+        try:
+            return job.began(self.report().get("job"))
+        except DataError:
+            return False
 
     def _compare(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
         differs = differences(before, now)

@@ -11,6 +11,7 @@ from ikgrad.config.training import AnyConfig, train_config
 from ikgrad.data import DataSet
 from ikgrad.errors import ConfigError
 from ikgrad.robot import Robot
+from ikgrad.training.jobs import job_of_torchrun
 from ikgrad.training.processes import Processes, processes_of_torchrun, world_size
 from ikgrad.training.result import TrainResult
 from ikgrad.training.run import Run, TrainProgress
@@ -37,7 +38,8 @@ def train(
     moment goes on when it is resumed; it ends with the very same weights, bit for bit, as one that was left alone,
     unless the budget is one of minutes.
 
-    Started by ``torchrun``, the processes share the batches of the first two models; the first one alone writes.
+    Started by ``torchrun``, the processes share the batches of the first two models; the first one alone writes. If
+    torchrun starts them again, because one has died, they go on from the last checkpoint without ``resume``.
 
     Args:
         config: settings, or a YAML file of them; default: those of `StreamConfig`.
@@ -78,14 +80,16 @@ def train(
         raise ConfigError("tensorboard needs out, a run folder to write the events to")
 
     def work(processes: Processes) -> TrainResult | StreamResult:
+        go_on = False
         if folder is not None:
-            processes.on_first(lambda: folder.check(resume=resume, force=force))
+            job = job_of_torchrun(processes)
+            go_on = processes.on_first(lambda: folder.check(resume=resume, force=force, job=job))
         run: Run | StreamRun
         if isinstance(settings, StreamConfig):
             run = StreamRun(settings, robot, progress, processes)
         else:
             run = Run(settings, robot, data, progress)
-        if folder is not None and run.open(folder, resume=resume):
+        if folder is not None and run.open(folder, resume=go_on):
             return run.finished(folder)
         return run.complete(checkpoint_seconds)
 
