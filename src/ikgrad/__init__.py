@@ -57,7 +57,7 @@ _HOME = {
     "train": "training.train",
 }
 
-_MODULES = ("collision", "data", "optim")  # modules of their own, so that ik.optim reads like torch.optim
+_MODULES = ("collision", "data", "optim", "workspace")  # modules of their own, so that ik.optim reads like torch.optim
 
 __all__ = [*_HOME, *_MODULES, "__version__"]
 
