@@ -115,7 +115,7 @@ def records() -> list[dict[str, Any]]:
     rows = [row("inverter", 0.3, 9.0), row("inverter + 1 step", 0.01, 11.0), row("plain, 2 steps", 4.0, 2.0)]
     rows += [row("plain, 4 steps", 0.3, 4.0), row("solve_ik", 1e-6, 20.0)]
     return [
-        {"protocol": name, "task": f"{name}, 0.5 rad", "count": 1000, "rows": rows[: 5 - k]}
+        {"robot": "panda", "protocol": name, "task": f"{name}, 0.5 rad", "count": 1000, "rows": rows[: 5 - k]}
         for k, name in enumerate(("local", "path"))
     ]
 

@@ -16,6 +16,7 @@ import torch
 import ikgrad as ik
 from ikgrad.cli.main import main
 from ikgrad.data import TaskStream
+from ikgrad.errors import MissingExtraError
 from ikgrad.export import Refined, export_inverter, read_metadata
 from ikgrad.networks import IncrementInverter, UnrolledInverter
 from ikgrad.resources import builtin_file
@@ -313,7 +314,7 @@ def test_dtypes_that_an_inverter_does_not_take_are_refused(tmp_path, family, dty
 @pytest.mark.parametrize("package", ["onnx", "onnxscript"])
 def test_a_missing_package_is_named_with_the_extra(tmp_path, monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ik.ConfigError, match=rf"ONNX files need {package}; pip install 'ikgrad\[export\]'"):
+    with pytest.raises(MissingExtraError, match=rf"ONNX files need {package}; pip install 'ikgrad\[export\]'"):
         export_inverter(make(), tmp_path / "arm.onnx")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from ikgrad.cli.main import main
+from ikgrad.papers.store import load_study
 
 QUICK = "random_starts: 5\nrandom_max_steps: 20\nlearning_rates: [0.1]\nlearning_rate_max_steps: 5\n"
 
@@ -38,6 +39,9 @@ def test_tables_and_files(quick: str, tmp_path: Path, capsys: pytest.CaptureFixt
     assert {path.name for path in out.iterdir()} == names
     assert json.loads((out / "apps.json").read_text())["paper"] == "apps"
 
+    assert json.loads(json.dumps(load_study(out / "apps_study.npz").to_json())) == json.loads(
+        (out / "apps.json").read_text()
+    )
     before = (out / "apps.json").read_bytes()
     assert main(["reproduce", "apps", "--config", quick, "--out", str(out)]) == 2
     assert "exists already; it is overwritten with --force only" in capsys.readouterr().err

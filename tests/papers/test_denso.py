@@ -33,6 +33,7 @@ from ikgrad.papers.denso.figures import FIGURES
 from ikgrad.papers.denso.networks import make_data, median, regression, train
 from ikgrad.papers.denso.report import report
 from ikgrad.papers.denso.study import DensoStudy, run_study
+from ikgrad.papers.store import load_study
 
 SHORT_LOOP = {"cure_epochs": 2, "final_epochs": 2, "ticks": 50}
 QUICK = DensoConfig(seeds=2, traditional_epochs=6, feedback_epochs=6, epochs=2, **SHORT_LOOP)
@@ -143,6 +144,7 @@ def test_the_command_repeats_the_study_and_writes_its_files(
     ours = json.loads(capsys.readouterr().out)
     assert without_times(ours) == without_times(json.loads(json.dumps(study.to_json())))
     assert {path.name for path in out.iterdir()} == set(FILES)
+    assert load_study(out / "denso_study.npz").to_json() == json.loads((out / "denso.json").read_text())
     assert main(command) == 2
     assert "exists already; it is overwritten with --force only" in capsys.readouterr().err
 

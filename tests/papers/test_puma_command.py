@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from ikgrad.cli.main import main
+from ikgrad.papers.store import load_study
 
 QUICK = ["reproduce", "puma", "--epochs", "60", "--seeds", "2"]
 NAMES = {"puma_learning.png", "puma_errors.png", "puma_path.png", "puma.json", "puma_study.npz"}
@@ -27,6 +28,7 @@ def test_tables_and_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     for part in ("Table 1", "Table 2", "Table 6", "Table 8", "Ranking", "Misprints", "py 686.19->686.99"):
         assert part in text
     assert {path.name for path in out.iterdir()} == NAMES
+    assert load_study(out / "puma_study.npz").to_json() == json.loads((out / "puma.json").read_text())
     assert main([*QUICK, "--out", str(out)]) == 2
     assert "exists already; it is overwritten with --force only" in capsys.readouterr().err
     assert main([*QUICK, "--out", str(out), "--force"]) == 0

@@ -15,6 +15,7 @@ from ikgrad.cli.main import main
 from ikgrad.cli.reproduce.trajectory import FILES
 from ikgrad.collision import link_segments
 from ikgrad.config import TrajectoryConfig, load_config
+from ikgrad.papers.store import load_study
 from ikgrad.papers.trajectory import arm, curves, patterns
 from ikgrad.papers.trajectory.errata import hidden_delta_error, printed_matrix, thresholds
 from ikgrad.papers.trajectory.matrix import matrix_434
@@ -270,6 +271,7 @@ def test_the_command_repeats_the_study_and_writes_its_files(
     ours = json.loads(capsys.readouterr().out)
     assert without_times(ours) == without_times(json.loads(json.dumps(study.to_json())))
     assert {path.name for path in out.iterdir()} == set(FILES)
+    assert load_study(out / "trajectory_study.npz").to_json() == json.loads((out / "trajectory.json").read_text())
     assert main(command) == 2
     assert "exists already; it is overwritten with --force only" in capsys.readouterr().err
 

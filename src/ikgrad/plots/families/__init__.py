@@ -1,6 +1,6 @@
 """From a file to its figure: the families of inputs that ``ikgrad plot`` knows, each told by its content.
 
-A new family is one module with a `Family`, and one entry in `FAMILIES`.
+A new family is one module with a `Family`, one entry in `FAMILIES`, and one line in the help of the command.
 """
 
 from __future__ import annotations

@@ -50,13 +50,11 @@ class Family:
 
     Attributes:
         what: its name for people, with the article.
-        kinds: kind of figure to what it shows, the default first; a single input may offer fewer, or its own.
         find: the figures of these inputs, or None if they are of another family. Cheap: drawing reads the rest.
         several: it takes several inputs at a time.
     """
 
     what: str
-    kinds: Mapping[str, str]
     find: Callable[[Sequence[Peek]], Found | None]
     several: bool = False
 

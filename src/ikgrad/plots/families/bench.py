@@ -30,6 +30,4 @@ def _times(document: dict[str, Any], name: str) -> Figure:
         raise DataError(f"{name}: is no benchmark of this version of ikgrad: {error!r}") from error
 
 
-FAMILY = Family(
-    "a benchmark of `ikgrad bench`", {"times": "time a row of every solver, with success and ratio to ours"}, find
-)
+FAMILY = Family("a benchmark of `ikgrad bench`", find)

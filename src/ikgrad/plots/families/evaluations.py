@@ -46,8 +46,4 @@ def _draw(kind: str, records: Sequence[Mapping[str, Any]], title: str) -> Figure
         raise DataError(f"{title}: is no evaluation of this version of ikgrad: {error!r}") from error
 
 
-FAMILY = Family(
-    "an evaluation of `ikgrad evaluate`",
-    {"methods": "percentiles of the errors, method by method", "speed": "error against time a pose"},
-    find,
-)
+FAMILY = Family("an evaluation of `ikgrad evaluate`", find)

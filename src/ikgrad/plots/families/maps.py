@@ -41,4 +41,4 @@ def _columns(look: Peek) -> dict[str, np.ndarray]:
     return dict(zip(look.columns, rows.T, strict=True))
 
 
-FAMILY = Family("a map", {"map": "what the robot reaches, of `ikgrad map`"}, find)
+FAMILY = Family("a map", find)

@@ -50,8 +50,4 @@ def _poses(look: Peek) -> Tensor:
     return T[T.isfinite().all(dim=-1).all(dim=-1)]
 
 
-FAMILY = Family(
-    "a pose file",
-    {"places": "where the poses are, and where the tool points", "frames": "the frames in space, at most 60"},
-    find,
-)
+FAMILY = Family("a pose file", find)

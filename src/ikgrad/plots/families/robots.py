@@ -35,4 +35,4 @@ def _arm(look: Peek, options: Options) -> Figure:
     return arm_frames(robot, q, title=f"{robot.name}: {robot.base} to {robot.tip}")
 
 
-FAMILY = Family("a robot", {"arm": "the arm with its frames; --q turns its joints"}, find)
+FAMILY = Family("a robot", find)

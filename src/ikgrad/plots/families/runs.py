@@ -149,12 +149,4 @@ def _counted(groups: Sequence[Group]) -> str:
     return "one training" if most == 1 else f"median and range over {most} trainings"
 
 
-FAMILY = Family(
-    "a training run",
-    {
-        "learning": "learning curves; with several members, or runs that differ by the seed, median and range",
-        "methods, speed": "its evaluation, see below",
-    },
-    find,
-    several=True,
-)
+FAMILY = Family("a training run", find, several=True)

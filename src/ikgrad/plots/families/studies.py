@@ -58,13 +58,4 @@ def _drawer(stored: Path, paper: str, name: str) -> Draw:
     return draw
 
 
-FAMILY = Family(
-    "a study of `ikgrad reproduce`",
-    {
-        "convergence, path, learning_rate, iterations": "of apps",
-        "learning, errors, path": "of puma",
-        "drift, figure04, figure06, figure11, ... figure14": "of denso: the closed loop, the paper's figures",
-        "sweep, joints, errors, path": "of trajectory: past the obstacle",
-    },
-    find,
-)
+FAMILY = Family("a study of `ikgrad reproduce`", find)
