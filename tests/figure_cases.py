@@ -87,6 +87,11 @@ def workspace() -> object:
     return plots.workspace_errors(robot, p, 1e-9 * 10.0**far, far < 0.75, title="panda")
 
 
+def reach(size: float, **options: Any) -> object:
+    found = ik.reachability(ik.load_robot("ur5e"), cell=size, orientations=2)
+    return plots.workspace_map(found.centres.numpy(), found.share.numpy(), found.condition.numpy(), **options)
+
+
 def frames() -> object:
     robot = ik.load_robot("panda")
     q = torch.tensor([[0.0, 0.3, 0.0, -1.9, 0.0, 2.2, 0.8], [0.9, 0.6, 0.2, -1.5, 0.0, 2.2, 0.8]]).double()
@@ -135,6 +140,8 @@ def cells() -> list[dict[str, Any]]:
 
 
 FIGURES: dict[str, Callable[[], Any]] = {
+    "workspace_map": lambda: reach(0.1, cell=0.1, title="ur5e"),
+    "workspace_map_bare": lambda: reach(0.9),
     "pose_places": lambda: pose_places(some_poses(), title="600 poses"),
     "pose_density": lambda: pose_places(np.concatenate([some_poses()] * 4), title="2,400 poses"),
     "pose_frames": lambda: pose_frames(some_poses(), title="600 poses"),

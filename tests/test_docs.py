@@ -33,16 +33,16 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 # What takes minutes where a reader has them: the page's text, and what the test runs in its place.
 SHORTER = {"minutes=15": "steps=5"}
-
 SHORTER_COMMANDS = {"--count 10000000": "--count 40 --partition-rows 20"}
 
 # Commands of the default tests that are run, not only parsed.
-QUICK = re.compile(r"(robots|sample|fk|solve|merge|plot|doctor|completion)\b|train --config \S+ --hidden")
+QUICK = re.compile(r"(robots|sample|fk|solve|merge|plot|doctor|completion|map --robot arm4)\b|train --config \S+ --hidden")
 # Run by -m slow, on a smaller question; see `shorter`.
 SHORT = re.compile(r"train|evaluate|export|view .*--export")
 # The others, and what runs them instead.
 ELSEWHERE = {
     r"ikgrad reproduce": "minutes, with small settings in tests/papers",
+    r"ikgrad map": "a minute, with larger cells in tests/cli/test_map.py",
     r"ikgrad bench": "minutes, with small settings in tests/test_bench.py",
     r"ikgrad view": "serves until Ctrl-C: tests/view/test_page.py",
     r"torchrun": "two processes, tests/training/test_processes.py",
@@ -57,6 +57,7 @@ LANGUAGES = {
     "bash": "commands, above",
     "console": "commands and what they print, above",
     "": "commands, or what a program prints",
+    "text": "what lies in a folder; lines for several hosts",
     "xml": "written to the file that their first line names",
     "cpp": "tests/test_cpp.py",
     "cmake": "tests/test_cpp.py",

@@ -132,7 +132,10 @@ def _search(survey: Survey, parts: PartialRun) -> None:
 def _plot(found: WorkspaceMap, args: argparse.Namespace) -> None:
     from ikgrad.plots import save_figure, workspace_map
 
-    save_figure(workspace_map(found), args.plot, force=args.force)
+    cells = found.centres.numpy(), found.share.numpy(), found.condition.numpy()
+    tried = f"{len(found.orientations)} orientations" if any(found.mask[3:]) else "position only"
+    title = f"{found.robot.name}: {len(found.centres):,} cells of {100 * found.cell:g} cm, {tried}"
+    save_figure(workspace_map(*cells, cell=found.cell, title=title), args.plot, force=args.force)
 
 
 def _report(args: argparse.Namespace, found: WorkspaceMap, output: Path, seconds: float) -> None:

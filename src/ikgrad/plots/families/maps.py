@@ -13,32 +13,24 @@ from ikgrad.plots.families.base import Family, Found
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLUMNS = ("x_m", "y_m", "z_m", "share")
+COLUMNS = ("x_m", "y_m", "z_m", "share", "condition")
 
 
 def find(looks: Sequence[Peek]) -> Found | None:
-    """A table with places and shares."""
-    from ikgrad import plots
-
+    """A table with places, shares and condition numbers."""
     look = looks[0]
-    drawable = look.is_table() and set(COLUMNS) <= set(look.columns) and hasattr(plots, "workspace_map")
+    drawable = look.is_table() and set(COLUMNS) <= set(look.columns)
     return {"map": lambda options: _map(look)} if drawable else None
 
 
 def _map(look: Peek) -> Figure:
-    from ikgrad import plots
-
-    return plots.workspace_map(_columns(look))  # type: ignore[attr-defined]
-
-
-def _columns(look: Peek) -> dict[str, np.ndarray]:
-    """Every column (N,) of the table."""
     from ikgrad.files.csv_table import CsvTable
     from ikgrad.files.parquet_table import ParquetTable
+    from ikgrad.plots.maps import workspace_map
 
-    table = (CsvTable if look.kind == ".csv" else ParquetTable)(look.path, look.columns)
+    table = (CsvTable if look.kind == ".csv" else ParquetTable)(look.path, COLUMNS)
     rows = np.concatenate(list(table.chunks(65_536)))
-    return dict(zip(look.columns, rows.T, strict=True))
+    return workspace_map(rows[:, :3], rows[:, 3], rows[:, 4], title=f"{look.path.name}: {len(rows):,} cells")
 
 
 FAMILY = Family("a map", find)
