@@ -36,7 +36,9 @@ SHORTER = {"minutes=15": "steps=5"}
 SHORTER_COMMANDS = {"--count 10000000": "--count 40 --partition-rows 20"}
 
 # Commands of the default tests that are run, not only parsed.
-QUICK = re.compile(r"(robots|sample|fk|solve|merge|plot|doctor|completion|map --robot arm4)\b|train --config \S+ --hidden")
+QUICK = re.compile(
+    r"(robots|sample|fk|solve|merge|plot|doctor|completion|map --robot arm4)\b|train --config \S+ --hidden"
+)
 # Run by -m slow, on a smaller question; see `shorter`.
 SHORT = re.compile(r"train|evaluate|export|view .*--export")
 # The others, and what runs them instead.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from PIL import Image
 from support import mistake
 
 import ikgrad as ik
+from ikgrad import plots
 from ikgrad.cli import plot
 from ikgrad.cli.main import main
 from ikgrad.errors import DataError
@@ -227,18 +227,14 @@ def test_the_help_lists_every_figure():
         assert f"{paper}: {default}" in plot.LINES
 
 
-def test_a_map_is_drawn_by_its_own_function(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from ikgrad import plots
-
-    (tmp_path / "map.csv").write_text("x_m,y_m,z_m,share,more\n0,0,1,0.5,7\n0,1,1,0.25,8\n")
-    got: list[dict[str, np.ndarray]] = []
-    drawer: Callable[[dict[str, np.ndarray]], Any] = lambda columns: got.append(columns) or plots.new_figure((2, 2))  # noqa: E731
-    monkeypatch.setattr(plots, "workspace_map", drawer, raising=False)
-    found = recognise([tmp_path / "map.csv"])
-    assert found.family.what == "a map"
-    found.draw()
-    assert got[0]["share"].tolist() == [0.5, 0.25]
-    assert got[0]["more"].tolist() == [7.0, 8.0]
+def test_a_map_is_drawn_from_its_table(tmp_path: Path):
+    found = ik.reachability(ik.load_robot("ur5e"), cell=0.3, orientations=2)
+    found.save(tmp_path / "map.csv")
+    known = recognise([tmp_path / "map.csv"])
+    assert known.family.what == "a map"
+    cells = found.centres.numpy(), found.share.numpy(), found.condition.numpy()
+    wanted = plots.workspace_map(*cells, cell=0.3, title=f"map.csv: {len(found.share):,} cells")
+    assert plots.to_png(known.draw()) == plots.to_png(wanted)
 
 
 def test_parquet_is_read_like_csv(made: Path, tmp_path: Path):

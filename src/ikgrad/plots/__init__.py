@@ -9,6 +9,7 @@ from ikgrad.plots.batch import solve_summary
 from ikgrad.plots.charts import comparison_bars, convergence, learning_rates
 from ikgrad.plots.evaluation import evaluation_page
 from ikgrad.plots.film import save_film
+from ikgrad.plots.maps import workspace_map
 from ikgrad.plots.motion import arm_motion, save_motion
 from ikgrad.plots.page import evaluation_html, save_evaluation
 from ikgrad.plots.sliders import explore
@@ -16,7 +17,6 @@ from ikgrad.plots.style import PALETTE, new_figure, save_figure, styled, to_png
 from ikgrad.plots.sweep import save_sweep, swept_arm
 from ikgrad.plots.tracking import closeups, curves_in_space, traces
 from ikgrad.plots.training import learning_curves, performance, spread
-from ikgrad.plots.maps import workspace_map
 from ikgrad.plots.workspace import workspace_errors
 
 __all__ = [

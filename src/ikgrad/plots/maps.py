@@ -67,14 +67,14 @@ def _smallest_gap(centres: np.ndarray) -> float:
 class _Cells(NamedTuple):
     """Cells of a lattice."""
 
-    index: np.ndarray  # (C, 3) whole numbers
+    lattice: np.ndarray  # (C, 3) whole numbers
     size: float  # [m]
 
     def cut_at(self, share: np.ndarray) -> np.ndarray:
         """(3,) lattice numbers of the planes: through the middle, and level where most is reached."""
-        low = self.index.min(axis=0)
-        middle = (low + self.index.max(axis=0)) // 2
-        levels = np.bincount(self.index[:, 2] - low[2], weights=share)
+        low = self.lattice.min(axis=0)
+        middle = (low + self.lattice.max(axis=0)) // 2
+        levels = np.bincount(self.lattice[:, 2] - low[2], weights=share)
         middle[2] = int(levels.argmax()) + low[2]
         return middle
 

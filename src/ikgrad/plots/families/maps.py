@@ -28,8 +28,9 @@ def _map(look: Peek) -> Figure:
     from ikgrad.files.parquet_table import ParquetTable
     from ikgrad.plots.maps import workspace_map
 
-    table = (CsvTable if look.kind == ".csv" else ParquetTable)(look.path, COLUMNS)
-    rows = np.concatenate(list(table.chunks(65_536)))
+    table = (CsvTable if look.kind == ".csv" else ParquetTable)(look.path, look.columns)
+    wanted = [look.columns.index(name) for name in COLUMNS]
+    rows = np.concatenate([rows[:, wanted] for rows in table.chunks(65_536)])
     return workspace_map(rows[:, :3], rows[:, 3], rows[:, 4], title=f"{look.path.name}: {len(rows):,} cells")
 
 
