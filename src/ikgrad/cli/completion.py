@@ -57,7 +57,13 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
     robots = names_or_files("robot", builtin_names("urdf"), ".urdf")
     configs = names_or_files("config", builtin_names("configs"), ".yaml")
     runs = names_or_files("run", sorted(path.name for path in data_folder("inverters").iterdir()), None)
-    kinds = {"ROBOT": robots, "RUN": runs, "DIR": shtab.DIRECTORY, **dict.fromkeys(FILES, shtab.FILE)}
+    kinds = {
+        "ROBOT": robots,
+        "RUN": runs,
+        "DIR": shtab.DIRECTORY,
+        "FOLDER": shtab.DIRECTORY,
+        **dict.fromkeys(FILES, shtab.FILE),
+    }
     for action in actions(parser):
         kind = configs if "--config" in action.option_strings else kinds.get(str(action.metavar))
         if kind is not None:

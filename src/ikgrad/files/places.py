@@ -86,13 +86,14 @@ def _refuse_existing(path: Path, force: bool) -> None:
 
 
 @contextlib.contextmanager
-def in_one_move(path: Path, *, force: bool = False, folder: Path | None = None) -> Iterator[Path]:
+def in_one_move(path: Path, *, force: bool = False, folder: Path | None = None, durable: bool = True) -> Iterator[Path]:
     """A temporary file to write to, which becomes ``path`` when the block ends well and is removed when it does not.
 
     Args:
         path: the final place.
         force: allow that ``path`` exists.
         folder: where the temporary file lives, on the same file system; default: beside ``path``.
+        durable: wait until it is on the disk; without, a power cut may cut or undo what was just written.
 
     Yields:
         The temporary file's path (with the suffix of ``path``); nothing exists there yet.
@@ -100,13 +101,15 @@ def in_one_move(path: Path, *, force: bool = False, folder: Path | None = None) 
     temporary = (folder or path.parent) / f".{path.stem}.{HOST}.{os.getpid()}.tmp{path.suffix}"
     try:
         yield temporary
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
+        if durable:
+            with open(temporary, "rb") as file:
+                os.fsync(file.fileno())
         _refuse_existing(path, force)  # it may have appeared meanwhile
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
-    _sync_folder(path.parent)
+    if durable:
+        _sync_folder(path.parent)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -188,7 +188,8 @@ class PoseWriter:
 
 def pose_columns(T: Tensor) -> dict[str, np.ndarray]:
     """(k, 4, 4) poses as the columns of a CSV or Parquet file, each (k,)."""
-    values = torch.cat([T[:, :3, 3], quat_wxyz_from_matrix(T[:, :3, :3])], dim=-1).numpy()
+    quat_wxyz = torch.cat([quat_wxyz_from_matrix(part) for part in T[:, :3, :3].split(IN_CACHE)])
+    values = torch.cat([T[:, :3, 3], quat_wxyz], dim=-1).numpy()
     return dict(zip(COLUMNS, values.T, strict=True))
 
 

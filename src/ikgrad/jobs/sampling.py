@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ikgrad.data.configurations import sample_configurations
 from ikgrad.errors import ConfigError
+from ikgrad.files.parquet_table import pyarrow_parquet
 from ikgrad.files.poses import pose_columns
 from ikgrad.jobs.folder import Job, JobFolder
 from ikgrad.jobs.machine import check_machine, machine
@@ -71,6 +72,7 @@ class SampleTask:
     def warm_up(self) -> None:
         """Load the kernels and the robot's tables."""
         check_machine(self.poses.job())
+        pyarrow_parquet(self.poses.path)
         forward_kinematics(self.robot, sample_configurations(self.robot, 1, seed=0))
 
     def __call__(self, name: str) -> Record:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ikgrad.errors import DataError
 from ikgrad.files.joints import REASONS
-from ikgrad.files.parquet_table import ParquetTable
+from ikgrad.files.parquet_table import ParquetTable, pyarrow_parquet
 from ikgrad.files.poses import COLUMNS, PoseFile, Targets, from_quaternions
 from ikgrad.files.writers import Columns
 from ikgrad.jobs.answers import HIDDEN, Summary, answer_columns
@@ -79,6 +79,7 @@ class SolveTask:
     def warm_up(self) -> None:
         """Load the kernels and the robot's tables."""
         check_machine(self.output.job())
+        pyarrow_parquet(self.output.path)
         low, high = self.robot.sampling_range
         q = (low + high) / 2
         solve_ik(self.robot, forward_kinematics(self.robot, q), q0=q, **self.settings)
