@@ -134,6 +134,8 @@ def _own_cluster(ray: ModuleType, cores: int) -> Iterator[None]:
                 )
             yield
         finally:
+            with contextlib.suppress(AttributeError):  # no public way; politely asked, this process takes a second to end
+                ray._private.worker._global_node.kill_monitor(check_alive=False)
             ray.shutdown()
 
 
@@ -237,9 +239,8 @@ class _Worker:
             for library in ("OMP", "MKL", "OPENBLAS"):  # read when torch and numpy are loaded, by the next line
                 os.environ[f"{library}_NUM_THREADS"] = str(self._threads)
             task = pickle.loads(ray.get(shipped[0]))
-            import torch
-
-            torch.set_num_threads(self._threads)
+            if "torch" in sys.modules:
+                sys.modules["torch"].set_num_threads(self._threads)
             task.warm_up()
             self._task = task
         return self._task
