@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from job_tasks import Noting
 
+from ikgrad.cli.main import main
 from ikgrad.errors import ConfigError, DataError
 from ikgrad.jobs import ray_engine
 from ikgrad.jobs.ray_engine import run_ray
@@ -87,8 +88,6 @@ def run(task: Noting, address: str, *, workers: int = 2, threads: int = 1, names
 
 
 def test_every_partition_is_done_once_and_the_connection_ended(tmp_path: Path, address: str):
-    import ray
-
     before = signal.getsignal(signal.SIGTERM)
     records = run(Noting(tmp_path), address)
     assert sorted(record["name"] for record in records) == sorted(NAMES)
@@ -96,9 +95,21 @@ def test_every_partition_is_done_once_and_the_connection_ended(tmp_path: Path, a
     pids = {record["pid"] for record in records}
     assert os.getpid() not in pids
     assert len(pids) <= 2
-    assert not ray.is_initialized()
+    assert not sys.modules["ray"].is_initialized()
     assert signal.getsignal(signal.SIGTERM) is before
     assert not set(ray_engine.QUIET) & set(os.environ)
+
+
+def test_folders_of_both_engines_are_the_same_to_the_byte(tmp_path: Path, address: str, capsys):
+    poses = str(tmp_path / "poses")
+    assert main(["sample", "--robot", "ur5e", "--count", "700", "--partition-rows", "300", "-o", poses]) == 0
+    solve = ["solve", "--robot", "ur5e", poses, "-o"]
+    assert main([*solve, str(tmp_path / "local"), "--workers", "1"]) == 0
+    assert main([*solve, str(tmp_path / "ray"), "--workers", "1", "--engine", "ray", "--address", address]) == 0
+    local, ray = ({path.name: path.read_bytes() for path in (tmp_path / k).glob("*.*")} for k in ("local", "ray"))
+    assert sum(name.endswith(".parquet") for name in local) == 3
+    assert "_manifest.json" in local
+    assert local == ray
 
 
 def test_killed_workers_are_replaced_and_their_partitions_done(tmp_path: Path, address: str):

@@ -20,7 +20,7 @@ import socket
 import sys
 import tempfile
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from types import ModuleType
 from typing import Any
@@ -134,7 +134,9 @@ def _own_cluster(ray: ModuleType, cores: int) -> Iterator[None]:
                 )
             yield
         finally:
-            with contextlib.suppress(AttributeError):  # no public way; politely asked, this process takes a second to end
+            with contextlib.suppress(
+                AttributeError
+            ):  # no public way; politely asked, this process takes a second to end
                 ray._private.worker._global_node.kill_monitor(check_alive=False)
             ray.shutdown()
 
@@ -247,7 +249,11 @@ class _Worker:
 
 
 class _Crew:
-    """The driver's side: which actor has what to do."""
+    """The driver's side: which actor has what to do.
+
+    One partition at a time for each. A second one in hand would save a message's way, a millisecond or two, and would
+    be tried again, and counted as a strike, whenever the first one ends the worker.
+    """
 
     def __init__(self, ray: ModuleType, task: Task, *, workers: int, threads: int):
         self._ray = ray
@@ -259,37 +265,27 @@ class _Crew:
         self._shipped = [ray.put(pickle.dumps(task))]
         actor = ray.remote(num_cpus=threads, max_restarts=-1, max_task_retries=STRIKES - 1)(_Worker)
         self._actors = [actor.remote(threads, __version__) for _ in range(workers)]
-        self._running: dict[Any, tuple[Any, str | None]] = {}
-        self._load: Counter[Any] = Counter()
 
     def work(self, names: Sequence[str]) -> Iterator[Record]:
         """Records as they come; names go to actors that have begun, never to those that still wait for room."""
         left, missing = deque(names), len(names)
-        self._running = {actor.begin.remote(self._shipped): (actor, None) for actor in self._actors}
+        running: dict[Any, tuple[Any, str | None]] = {
+            actor.begin.remote(self._shipped): (actor, None) for actor in self._actors
+        }
         while missing:
-            [ready], _ = self._ray.wait(list(self._running))
-            actor, name = self._running.pop(ready)
+            [ready], _ = self._ray.wait(list(running))
+            actor, name = running.pop(ready)
             outcome = self._outcome(ready, name)
-            if name is not None:
-                self._load[actor] -= 1
-                missing -= 1
-            self._feed(actor, left)
             if isinstance(outcome, Exception):
                 raise outcome
+            if left:
+                following = left.popleft()
+                running[actor.do.remote(self._shipped, following)] = (actor, following)
+            else:  # its room may be what another, restarted one is waiting for
+                self._ray.kill(actor)
             if outcome is not None:
+                missing -= 1
                 yield outcome
-
-    def _feed(self, actor: Any, left: deque[str]) -> None:
-        """One partition to do and one to go on with at once; near the end one, so that nobody waits for another.
-
-        Who has nothing more to do leaves: its room may be what another, restarted one is waiting for.
-        """
-        while left and self._load[actor] < (2 if len(left) > len(self._actors) else 1):
-            name = left.popleft()
-            self._running[actor.do.remote(self._shipped, name)] = (actor, name)
-            self._load[actor] += 1
-        if not self._load[actor]:
-            self._ray.kill(actor)
 
     def _outcome(self, ready: Any, name: str | None) -> Record | Exception | None:
         try:
