@@ -4,6 +4,8 @@
     python scripts/bench_scale.py --overhead       # partitions without work: local, Ray actors, Ray Data
     python scripts/bench_scale.py --many 10000     # that many tiny partitions
 
+    ... --write docs/scale.md                      # also put the tables into the page
+
 Every run is a command in a fresh process, engines take turns, and times are medians over the rounds (a single round
 from 10 million poses on). Peak memory is the greatest of any process of the command (Linux). Outputs of all engines are
 compared by the checksums in their manifests, which the last run of each verifies against the files (`--resume`). Runs
@@ -257,25 +259,45 @@ def sizes_of(output: Path) -> Result:
 
 
 def main() -> None:
-    """Run what is asked for and print it."""
+    """Run what is asked for, print it, put it into the page."""
     args = _options()
-    about = f"ikgrad {__version__}, Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores"
-    print(about, end="\n\n")
-    if args.overhead:
-        print(scale_overhead.table([60, 1000], 0.02, args.rounds))
-        return
     runs = Runs(Path(args.json), fresh=args.fresh)
+    about = f"ikgrad {__version__}, Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores"
+    print(about)
+    for name, text in blocks(runs, args).items():
+        print(f"\n{text}")
+        if args.write:
+            put(Path(args.write), name, text)
+
+
+def blocks(runs: Runs, args: argparse.Namespace) -> dict[str, str]:
+    """What is printed, by its name in the page."""
+    if args.overhead:
+        return {"overhead": scale_overhead.table([60, 600], 0.02, args.rounds)}
     if args.many:
-        print(run_many(runs, args))
-        return
+        return {"many": run_many(runs, args)}
     counts = sorted(args.counts)
     for count in counts:
         run_count(runs, args, count)
-    print(f"{measured_table(runs, counts)}\n\n{ratio_table(runs, counts)}\n")
+    found = {"runs": measured_table(runs, counts), "engines": ratio_table(runs, counts)}
     if len(counts) > 1:
         cost = fitted(runs, counts)
-        print(f"start {cost.start:.2f} s, {cost.pose * 1e6:.2f} core us a pose\n\n{check_table(runs, counts, cost)}\n")
-        print(scale_model.table(cost, args.plan, scale_model.assumptions(args)))
+        found["cost"] = (
+            f"start {cost.start:.2f} s, {cost.pose * 1e6:.2f} core microseconds, "
+            f"{cost.bytes_in:.1f} bytes in and {cost.bytes_out:.1f} bytes out a pose"
+        )
+        found["check"] = check_table(runs, counts, cost)
+        found["plan"] = scale_model.table(cost, args.plan, scale_model.assumptions(args))
+    return found
+
+
+def put(page: Path, name: str, text: str) -> None:
+    """Replace what stands in the page between the marks of this name."""
+    before, mark, rest = page.read_text().partition(f"<!-- {name} -->\n")
+    _, end, after = rest.partition(f"<!-- end of {name} -->")
+    if not mark or not end:
+        raise SystemExit(f"{page} has no place for '{name}'")
+    page.write_text(f"{before}{mark}\n{text}\n\n{end}{after}")
 
 
 def _options() -> argparse.Namespace:
@@ -287,6 +309,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--many", type=int, metavar="PARTITIONS")
     parser.add_argument("--work", default="out/scale", help="folder for the partitions, which are removed at the end")
     parser.add_argument("--json", default="out/scale.json", metavar="FILE", help="what was run, to go on from")
+    parser.add_argument("--write", metavar="PAGE", help="put the tables into this page")
     parser.add_argument("--fresh", action="store_true", help="forget what FILE has")
     scale_model.add_assumptions(parser)
     return parser.parse_args()
