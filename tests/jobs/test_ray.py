@@ -101,9 +101,12 @@ def test_every_partition_is_done_once_and_the_connection_ended(tmp_path: Path, a
 
 
 def test_folders_of_both_engines_are_the_same_to_the_byte(tmp_path: Path, address: str, capsys):
-    poses = str(tmp_path / "poses")
-    assert main(["sample", "--robot", "ur5e", "--count", "700", "--partition-rows", "300", "-o", poses]) == 0
-    solve = ["solve", "--robot", "ur5e", poses, "-o"]
+    poses = tmp_path / "poses"
+    poses.mkdir()
+    for seed in "012":
+        sample = ["sample", "--robot", "ur5e", "--count", "300", "--seed", seed]
+        assert main([*sample, "-o", str(poses / f"{seed}.parquet")]) == 0
+    solve = ["solve", "--robot", "ur5e", str(poses), "-o"]
     assert main([*solve, str(tmp_path / "local"), "--workers", "1"]) == 0
     assert main([*solve, str(tmp_path / "ray"), "--workers", "1", "--engine", "ray", "--address", address]) == 0
     local, ray = ({path.name: path.read_bytes() for path in (tmp_path / k).glob("*.*")} for k in ("local", "ray"))

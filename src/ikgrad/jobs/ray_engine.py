@@ -75,12 +75,12 @@ def run_ray(
 
 # ---------------------------------------------------------------- the cluster
 
-# Read when ray is imported. It prints remarks about workers to stdout whatever it is told, unless they are skipped,
-# stacks of its own at SIGTERM, and, from its part in C++, warnings to stderr.
+# Read when ray is imported or a connection is made. Else it prints remarks about workers to stdout whatever it is told,
+# and stacks of its own at SIGTERM.
 QUIET = {
     "RAY_DEDUP_LOGS_SKIP_REGEX": ".",
     "RAY_DISABLE_FAILURE_SIGNAL_HANDLER": "1",
-    "RAY_BACKEND_LOG_LEVEL": "fatal",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # no GPU is touched; else a FutureWarning says how that will change
 }
 # And, for a cluster of our own: it listens on the loop-back address only, as it does anyway where the name says.
 LOCAL = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
@@ -113,6 +113,7 @@ def _own_cluster(ray: ModuleType, cores: int) -> Iterator[None]:
     Its files are in ``/tmp``, since names of sockets are short and those of other folders for such files may be long.
     """
     inherited = {
+        **QUIET,
         **LOCAL,
         "PYTHONPATH": os.pathsep.join(os.path.abspath(path) for path in sys.path),
         "OMP_WAIT_POLICY": "passive",
@@ -163,7 +164,8 @@ def _joined_cluster(ray: ModuleType, address: str) -> Iterator[None]:
         _check_that_it_answers(address)
     try:
         try:
-            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+            with _environment(QUIET):
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
         except (ray.exceptions.RayError, ConnectionError, RuntimeError, ValueError) as error:
             hint = "a cluster with a token needs RAY_AUTH_MODE=token in the environment here, too"
             raise ConfigError(f"no Ray cluster to work with at '{address}': {_first_line(error)} ({hint})") from error
