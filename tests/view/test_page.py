@@ -105,7 +105,9 @@ def test_every_robot_has_a_page(robot: ik.Robot, make: Callable[..., Viewer]):
     viewer = make(robot)
     q = viewer.session.q
     assert torch.allclose(shown(viewer, viewer._arm), expected(viewer, viewer._arm, q))
-    for slider, value, unit in zip(viewer._joints._sliders, q.tolist(), viewer._joints._units, strict=True):
+    for slider, value, unit in zip(
+        viewer._controls.joints._sliders, q.tolist(), viewer._controls.joints._units, strict=True
+    ):
         assert slider.value == pytest.approx(value / unit, abs=0.051 if unit != 1 else 6e-4)
         assert slider.min * unit >= float(robot.sampling_range[0].min()) - 1e-9
 
@@ -118,11 +120,11 @@ def test_dragging_the_target_moves_the_arm(make: Callable[..., Viewer], browser:
     T = ik.forward_kinematics(robot, q)
     page.drag(T)
     eventually(lambda: torch.allclose(viewer.session.q, q, atol=1e-4))
-    eventually(lambda: viewer._words.content == "**Target:** reached")
+    eventually(lambda: viewer._controls.words.content == "**Target:** reached")
     eventually(lambda: torch.allclose(shown(viewer, viewer._arm), expected(viewer, viewer._arm, q), atol=1e-4))
-    eventually(lambda: "solutions found" in viewer._count.content)
+    eventually(lambda: "solutions found" in viewer._controls.count.content)
     drawn = [ghost for ghost in viewer._ghosts if ghost._root.visible]
-    assert len(drawn) == int(re.search(r"\d+", viewer._count.content)[0]) - 1  # the arm itself is one of them
+    assert len(drawn) == int(re.search(r"\d+", viewer._controls.count.content)[0]) - 1  # the arm itself is one of them
     tip = ik.forward_kinematics(robot, viewer.session.q)[:3, 3]
     for ghost in drawn:
         last = list(ghost._frames).index(max(ghost._frames))
@@ -139,7 +141,7 @@ def test_a_target_out_of_reach_is_explained_and_the_ghosts_go(
     T[:3, 3] *= 10
     page.drag(T)
     page.drop()
-    eventually(lambda: viewer._words.content.startswith("**Target not met:** out of reach"))
+    eventually(lambda: viewer._controls.words.content.startswith("**Target not met:** out of reach"))
     eventually(lambda: viewer.worker.wait(0.0))
     assert not any(ghost._root.visible for ghost in viewer._ghosts)
     assert viewer._target.position == pytest.approx(T[:3, 3].tolist())  # the target stays where it was put
@@ -150,14 +152,14 @@ def test_a_slider_turns_one_joint_and_takes_the_target_along(
 ):
     viewer = make(panda)
     page, home = browser(viewer), viewer.session.home
-    page.use(viewer._joints._sliders[1], 20.0)
+    page.use(viewer._controls.joints._sliders[1], 20.0)
     eventually(lambda: abs(float(viewer.session.q[1]) - 0.34906585) < 1e-6)
     others = [0, 2, 3, 4, 5, 6]
     assert torch.equal(viewer.session.q[others], home[others])  # not rounded to what the sliders show
     eventually(lambda: viewer.worker.wait(0.0))
     T = ik.forward_kinematics(panda, viewer.session.q)
     assert viewer._target.position == pytest.approx(T[:3, 3].tolist())
-    page.use(viewer._reset, True)
+    page.use(viewer._controls.reset, True)
     eventually(lambda: torch.equal(viewer.session.q, home))
 
 
@@ -170,7 +172,7 @@ def test_the_orientation_can_be_left_free(
     T[:3, :3] = T[:3, :3] @ torch.diag(torch.tensor([1.0, -1.0, -1.0]).double())
     viewer.session.ask_orientation(False)
     page.drag(T)
-    eventually(lambda: viewer._words.content == "**Target:** reached")
+    eventually(lambda: viewer._controls.words.content == "**Target:** reached")
     assert float((ik.forward_kinematics(panda, viewer.session.q) - T)[:3, :3].abs().max()) > 0.1
 
 
@@ -186,21 +188,23 @@ def test_a_race_shows_an_arm_for_every_method_and_goes_away_again(
     viewer = make(panda, inverter=inverter_for(panda), spheres=spheres)
     page, session = browser(viewer), viewer.session
     page.drag(ik.forward_kinematics(panda, session.home + 0.05))
-    page.use(viewer._race._start, True)
-    eventually(lambda: len(viewer._racers) == 4 and viewer._race_player is not None)
+    page.use(viewer._controls.race._start, True)
+    eventually(
+        lambda: viewer._contest is not None and len(viewer._contest.arms) == 4 and viewer._race_player is not None
+    )
     assert not viewer._arm._root.visible
     assert not viewer._balls[0].visible
-    assert viewer._race.words.content.count("steps") >= 3
+    assert viewer._controls.race.words.content.count("steps") >= 3
     player = viewer._race_player
     last = player._count - 1
     eventually(lambda: player._slider.value == last and not player._playing)  # it plays to its end
-    for arm, run in zip(viewer._racers, viewer._runs, strict=True):
+    for arm, run in zip(viewer._contest.arms, viewer._contest.runs, strict=True):
         assert torch.allclose(shown(viewer, arm), expected(viewer, arm, run.q[-1]))
     page.use(player._slider, 0)
-    first = viewer._racers[0]
+    first = viewer._contest.arms[0]
     eventually(lambda: torch.allclose(shown(viewer, first), expected(viewer, first, session.home)))
-    page.use(viewer._race._close, True)
-    eventually(lambda: not viewer._racers and viewer._arm._root.visible)
+    page.use(viewer._controls.race._close, True)
+    eventually(lambda: viewer._contest is None and viewer._arm._root.visible)
     eventually(lambda: viewer._balls[0].visible)
     assert viewer.server.scene.get_handle_by_name("/race/0") is None
 
@@ -210,7 +214,7 @@ def test_a_motion_is_played_to_its_end_and_can_be_held(
 ):
     q = torch.linspace(0, 1, 50).double()[:, None] * 0.3 + Session(panda).home
     viewer = make(panda, motion=Motion("joints.csv", q))
-    page, player = browser(viewer), viewer._motion_player
+    page, player = browser(viewer), viewer._controls.motion
     page.use(player._speed, 240)
     page.use(player._button, True)
     eventually(lambda: torch.equal(viewer.session.q, q[-1]))
@@ -232,10 +236,10 @@ def test_contact_is_said_and_coloured(
 
     tip = ik.forward_kinematics(panda, Session(panda).home)[:3, 3]
     viewer = make(panda, spheres=Spheres(tip[None], torch.tensor([0.05]).double()))
-    assert "contact: -" in viewer._clearance.content
+    assert "contact: -" in viewer._controls.clearance.content
     assert tuple(viewer._balls[0].color) == VERMILLION
-    browser(viewer).use(viewer._joints._sliders[0], -100.0)
-    eventually(lambda: "free: " in viewer._clearance.content)
+    browser(viewer).use(viewer._controls.joints._sliders[0], -100.0)
+    eventually(lambda: "free: " in viewer._controls.clearance.content)
     assert tuple(viewer._balls[0].color) == BLUE
 
 

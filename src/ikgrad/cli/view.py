@@ -17,14 +17,18 @@ if TYPE_CHECKING:
     from ikgrad.collision import Spheres
     from ikgrad.networks.storage import AnyInverter
     from ikgrad.robot import Robot
-    from ikgrad.view import Session
+    from ikgrad.view import Motion, Session
+    from ikgrad.view.meshes import Look
 
 DESCRIPTION = """\
-the robot in a web page: turn its joints, drag a target and see it solved, with all other solutions as ghosts; watch
-APPS, Newton-Raphson, Levenberg-Marquardt and a neural inverter on the same target; play a file of joints.
+the robot in a web page: turn its joints, drag a target and see it solved by the method of your choice, with all other
+solutions as ghosts; watch APPS, Newton-Raphson, Levenberg-Marquardt and a neural inverter on the same target; play a
+file of joints or the path of a study.
 
 Needs the extra 'viz'. The page is served to this machine only, unless --host says otherwise, and asks nothing of the
 network. Ctrl-C ends it. With --export no server stays: a page is written that can be opened from a file."""
+
+STUDIES = ("apps", "puma", "denso", "denso-square", "denso-eight", "trajectory", "trajectory-2")  # of ikgrad.view.paths
 
 
 def add(commands: Commands) -> None:
@@ -37,12 +41,17 @@ def add(commands: Commands) -> None:
         epilog=example(
             "ikgrad view --robot panda\n"
             "ikgrad view --robot panda --path joints.csv --sphere 0.5,0.2,0.6,0.1\n"
+            "ikgrad view --path apps\n"
+            "ikgrad view --robot arm.urdf --meshes descriptions/\n"
             "ikgrad view --robot panda --path joints.csv --export motion.html"
         ),
     )
-    add_robot_options(parser)
+    add_robot_options(parser, required=False)
     parser.add_argument("--q", type=numbers, metavar="Q1,Q2,...", help="joints to begin with [rad, or m for slides]")
-    parser.add_argument("--path", metavar="FILE", help="joints to play: .csv, .npy, .npz or .parquet")
+    text = "joints to play: a .csv, .npy, .npz or .parquet file, or the path of a study, which brings its robot: "
+    parser.add_argument("--path", metavar="FILE|NAME", help=text + ", ".join(STUDIES))
+    text = "folder with the meshes that the URDF names (package://arm/x.stl is DIR/arm/x.stl or DIR/x.stl)"
+    parser.add_argument("--meshes", metavar="DIR", help=text)
     text = "an obstacle, centre and radius [m]; may be given several times"
     parser.add_argument("--sphere", action="append", type=numbers, metavar="X,Y,Z,RADIUS", help=text)
     text = "a trained inverter to run beside the methods (default: the ready-made one of the robot, if any)"
@@ -61,19 +70,20 @@ def run(args: argparse.Namespace) -> int:
     import torch
 
     from ikgrad.robot import load_robot
-    from ikgrad.view import Session, export_page, read_motion
+    from ikgrad.view import Session, export_page
 
     torch.set_num_threads(1)  # single poses: a second thread only costs
-    robot = load_robot(args.robot, base=args.base, tip=args.tip)
-    motion = read_motion(args.path, robot) if args.path else None
-    spheres = _spheres(args.sphere) if args.sphere else None
+    robot = load_robot(_robot_name(args), base=args.base, tip=args.tip)
+    motion, spheres = _motion(args.path, robot)
+    spheres = _spheres(args.sphere) if args.sphere else spheres
+    look = _look(args, robot)
     q = torch.tensor(args.q, dtype=torch.float64) if args.q else None
     session = Session(robot, q=q if motion is None or q is not None else motion.q[0].clamp(robot.q_min, robot.q_max))
     if args.export:
-        page = export_page(args.export, session, motion=motion, spheres=spheres, force=args.force)
+        page = export_page(args.export, session, motion=motion, spheres=spheres, look=look, force=args.force)
         print(f"{robot.name} -> {page} ({page.stat().st_size / 1e6:.1f} MB)")
         return 0
-    return _serve(args, session, motion=motion, spheres=spheres, inverter=_inverter(args.inverter, robot))
+    return _serve(args, session, motion=motion, spheres=spheres, look=look, inverter=_inverter(args.inverter, robot))
 
 
 def _serve(args: argparse.Namespace, session: Session, **extras: object) -> int:
@@ -95,6 +105,45 @@ def _serve(args: argparse.Namespace, session: Session, **extras: object) -> int:
         return 0
     finally:
         viewer.close()
+
+
+def _robot_name(args: argparse.Namespace) -> str:
+    """As given, or the one that a study's path belongs to."""
+    if args.robot:
+        return str(args.robot)
+    if args.path in STUDIES:
+        from ikgrad.view.paths import find_path
+
+        return find_path(args.path).robot
+    raise ConfigError(f"--robot is missing; only a path of a study brings its own robot ({', '.join(STUDIES)})")
+
+
+def _motion(path: str | None, robot: Robot) -> tuple[Motion | None, Spheres | None]:
+    """What is played, and the obstacles that belong to it."""
+    from ikgrad.view import read_motion
+    from ikgrad.view.paths import find_path, named_motion
+
+    if path is None:
+        return None, None
+    if "." in path or os.sep in path or os.path.exists(path):
+        return read_motion(path, robot), None
+    motion, spheres = named_motion(path, robot), find_path(path).spheres
+    return motion, spheres() if spheres else None
+
+
+def _look(args: argparse.Namespace, robot: Robot) -> Look | None:
+    """The meshes of a URDF file, with a line for what could not be read."""
+    from ikgrad.resources import builtin_names
+    from ikgrad.view.meshes import read_look
+
+    if args.meshes is None:
+        return None
+    if args.robot is None or args.robot in builtin_names("urdf"):
+        raise ConfigError("built-in robots have no meshes; give --meshes with a URDF file that names some")
+    look = read_look(args.robot, robot, args.meshes)
+    for line in look.notes:
+        note(line)
+    return look
 
 
 def _inverter(name: str | None, robot: Robot) -> AnyInverter | None:

@@ -1,8 +1,8 @@
-"""The page: a scene, controls, and what happens between them."""
+"""The page: what people do on it, and what is then shown. `ikgrad.view.controls` has the controls themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
@@ -10,33 +10,23 @@ from torch import Tensor
 
 from ikgrad.collision import Spheres
 from ikgrad.networks.storage import AnyInverter
-from ikgrad.plots.style import PALETTE
 from ikgrad.rotations import matrix_from_quat_wxyz, quat_wxyz_from_matrix
+from ikgrad.view.contest import Contest
+from ikgrad.view.controls import SAVE, Controls
+from ikgrad.view.export import page_html
+from ikgrad.view.follow import methods
+from ikgrad.view.meshes import Look
 from ikgrad.view.motion import Motion
 from ikgrad.view.obstacles import clearance
-from ikgrad.view.panels import JointPanel, Player, RacePanel, when_clicked, when_moved
-from ikgrad.view.race import Run, race
-from ikgrad.view.scene import (
-    ARM,
-    BLUE,
-    MISSED,
-    SKY,
-    VERMILLION,
-    ArmNodes,
-    add_axes,
-    add_floor,
-    add_path,
-    add_spheres,
-    camera,
-    rgb,
-)
+from ikgrad.view.panels import Player
+from ikgrad.view.race import race
+from ikgrad.view.scene import BLUE, SKY, VERMILLION, ArmNodes, add_floor, add_path, add_spheres, camera
 from ikgrad.view.server import stop_server
 from ikgrad.view.session import GHOSTS, Answer, Session
 from ikgrad.view.shapes import arm_parts
 from ikgrad.view.worker import Worker
 
 REST = 0.2  # seconds without a change before the other solutions are looked for
-METHOD_COLOURS = (PALETTE[0], PALETTE[1], PALETTE[2], PALETTE[3])
 
 
 class Viewer:
@@ -47,7 +37,8 @@ class Viewer:
         session: the arm.
         motion: joints to play.
         spheres: obstacles.
-        inverter: runs beside the methods.
+        inverter: runs beside the methods, and may follow the target.
+        look: the arm's own meshes.
     """
 
     def __init__(
@@ -58,15 +49,17 @@ class Viewer:
         motion: Motion | None = None,
         spheres: Spheres | None = None,
         inverter: AnyInverter | None = None,
+        look: Look | None = None,
     ):
         self.server, self.session, self.worker = server, session, Worker()
-        self._motion, self._spheres, self._inverter = motion, spheres, inverter
+        self.motion, self.spheres, self._inverter, self._look = motion, spheres, inverter, look
+        self.methods = methods(inverter)
         self._parts = arm_parts(session.robot)
-        self._runs: list[Run] = []
-        self._racers: list[ArmNodes] = []
+        self._contest: Contest | None = None
         self._race_player: Player | None = None
+        self._playing = False  # the arm stands in a row of the motion
         self._build_scene()
-        self._build_controls()
+        self._controls = Controls(server.gui, self)
         self.joints_changed()
 
     def close(self) -> None:
@@ -109,60 +102,95 @@ class Viewer:
 
         self.worker.submit("move", act)
 
+    def use_method(self, name: str) -> None:
+        """Follow the target with another method of ``methods``, from here."""
+
+        def act() -> None:
+            self.session.method = self.methods[name]
+            self.follow(self.session.T_target)
+
+        self.worker.submit("move", act)
+
+    def ask_ghosts(self, wanted: bool) -> None:
+        """Whether the other solutions are shown."""
+        self.worker.submit("ghosts", self.show_ghosts)
+
     def start_race(self) -> None:
         """Run the methods from the first pose."""
-        self._race.words.content = "running ..."
+        self._controls.race.words.content = "running ..."
         self.worker.submit("race", self._run_race)
 
     def end_race(self) -> None:
         """Back to the one arm."""
         self.worker.submit("race", self._leave_race)
 
+    def save(self, client: Any) -> None:
+        """Let a browser download what is shown as a page."""
+        self._controls.save.label = "Saving ..."
+        self.worker.submit("save", lambda: self._save(client))
+
     # ------------------------------------------------------------ what is shown, in the worker's thread
 
     def follow(self, T_target: Tensor, *, thorough: bool = True) -> Answer:
-        """Solve for a target and show the answer."""
+        """Go to a target and show the answer; a method that is on its way goes on until the target changes."""
+        self._playing = False
         answer = self.session.reach(T_target, thorough=thorough)
         with self.server.atomic():
             self._place_target()
-            self._draw(answer.words, answer.success)
+            self._draw(answer.words, answer.success, near=answer.near)
+        if answer.more:
+            self.worker.submit("go on", partial(self._go_on, T_target))
         return answer
+
+    def _go_on(self, T_target: Tensor) -> None:
+        if self.session.T_target is T_target and self._contest is None:
+            self.follow(T_target)
 
     def joints_changed(self) -> None:
         """Show the session's joints, the target at the tool."""
+        self._playing = False
         with self.server.atomic():
             self._place_target()
             self._draw("reached", True)
 
+    def show_row(self, row: int) -> None:
+        """A row of the motion."""
+        assert self.motion is not None
+        self.session.move_joints(self.motion.q[row])
+        self.joints_changed()
+        self._playing = True
+
     def show_ghosts(self) -> None:
         """Look for all solutions of the present target, and show those that the arm is not in."""
-        found = self.session.solutions(GHOSTS) if self._ghosts_wanted.value else self.session.q[:0].reshape(0, -1)
+        wanted = self._controls.ghosts.value and self._contest is None
+        found = self.session.solutions(GHOSTS) if wanted else self.session.q[:0].reshape(0, -1)
         others = [q for q in found if bool((q - self.session.q).abs().max() > 1e-3)]
         with self.server.atomic():
             for k, ghost in enumerate(self._ghosts):
                 if k < len(others):
                     ghost.show(self.session.poses(others[k]))
-                ghost.set_visible(k < len(others) and not self._racers)
+                ghost.set_visible(k < len(others))
         spare = self.session.robot.dof > (3 if self.session.mask else 6)
-        self._count.content = _say_count(len(found), spare=spare) if self._ghosts_wanted.value else ""
+        self._controls.count.content = _say_count(len(found), spare=spare) if wanted else ""
 
-    def _draw(self, words: str, success: bool) -> None:
+    def _draw(self, words: str, success: bool, *, near: bool = False) -> None:
         poses = self.session.poses(self.session.q)
         self._arm.show(poses)
-        self._arm.paint(ARM if success else MISSED)
-        self._joints.show(self.session.q)
-        self._words.content = ("**Target:** " if success else "**Target not met:** ") + words
+        self._arm.show_missed(not (success or near))
+        self._controls.joints.show(self.session.q)
+        state = "Target" if success else "Target nearly met" if near else "Target not met"
+        self._controls.words.content = f"**{state}:** {words}"
         self._show_clearance(poses)
         for ghost in self._ghosts:
             ghost.set_visible(False)
-        self._count.content = ""
+        self._controls.count.content = ""
         self.worker.submit("ghosts", self.show_ghosts, delay=REST)
 
     def _show_clearance(self, poses: Tensor) -> None:
-        if self._spheres is None:
+        if self.spheres is None:
             return
-        found = clearance(self._parts, poses, self._spheres)
-        self._clearance.content = f"**Clearance:** {found.words}"
+        found = clearance(self._parts, poses, self.spheres)
+        self._controls.clearance.content = f"**Clearance:** {found.words}"
         for k, ball in enumerate(self._balls):
             colour = VERMILLION if k == found.sphere and found.distance <= 0 else BLUE
             if tuple(ball.color) != colour:
@@ -174,45 +202,33 @@ class Viewer:
         self._target.wxyz = quat_wxyz_from_matrix(T[:3, :3]).numpy()
 
     def _run_race(self) -> None:
-        robot, session = self.session.robot, self.session
+        session, panel = self.session, self._controls.race
         self._leave_race()
-        self._race.words.content = "running ..."
-        self._runs = race(robot, session.T_target, session.home, mask=session.mask, inverter=self._inverter)
+        panel.words.content = "running ..."
+        runs = race(session.robot, session.T_target, session.home, mask=session.mask, inverter=self._inverter)
         with self.server.atomic():
+            self._contest = Contest(self.server, session.robot, runs, session.T_target)
             self._set_alone(False)
-            for k, run in enumerate(self._runs):
-                self._add_racer(k, run)
-        self._race_player = self._race.fill(self._runs)
+        self._race_player = panel.fill(runs)
         self._race_player.show(0)
         self._race_player.play()
 
-    def _add_racer(self, k: int, run: Run) -> None:
-        gap = 1.1 * self.session.robot.length
-        place = ((k - (len(self._runs) - 1) / 2) * gap, 0.0, 0.0)
-        colour = rgb(METHOD_COLOURS[k])
-        arm = ArmNodes(self.server, self.session.robot, f"/race/{k}", colour=colour, place=place)
-        size = 0.12 * self.session.robot.length
-        add_axes(self.server, f"/race/{k}/target", self.session.T_target, size)
-        height = 1.15 * self.session.robot.length
-        self.server.scene.add_label(f"/race/{k}/name", run.name, position=(0.0, 0.0, height))
-        self._racers.append(arm)
-
-    def _show_iteration(self, iteration: int) -> None:
-        with self.server.atomic():
-            for arm, run in zip(self._racers, self._runs, strict=True):
-                arm.show(self.session.poses(run.q[run.at(iteration)]))
+    def show_iteration(self, iteration: int) -> None:
+        """The race's arms at an iteration."""
+        if self._contest is not None:
+            with self.server.atomic():
+                self._contest.show(iteration)
 
     def _leave_race(self) -> None:
         if self._race_player is not None:
             self._race_player.stop()
             self._race_player = None
-        if not self._racers:
+        if self._contest is None:
             return
         with self.server.atomic():
-            for arm in self._racers:
-                arm.remove()
-            self._racers, self._runs = [], []
-            self._race.clear()
+            self._contest.remove()
+            self._contest = None
+            self._controls.race.leave()
             self._set_alone(True)
         self.joints_changed()
 
@@ -223,68 +239,45 @@ class Viewer:
             node.visible = alone
         for ghost in self._ghosts:
             ghost.set_visible(False)
-        position, look_at = camera(self.session.robot.length, arms=1 if alone else len(self._runs))
+        arms = len(self._contest.arms) if self._contest else 1
         for client in self.server.get_clients().values():
-            client.camera.position, client.camera.look_at = position, look_at
+            client.camera.position, client.camera.look_at = camera(self.session.robot.length, arms=arms)
 
-    def _show_row(self, row: int) -> None:
-        assert self._motion is not None
-        self.session.move_joints(self._motion.q[row])
-        self.joints_changed()
+    def _save(self, client: Any) -> None:
+        runs = self._contest.runs if self._contest else ()
+        text = page_html(
+            self.session,
+            motion=self.motion if self._playing else None,
+            spheres=self.spheres,
+            look=self._look,
+            runs=runs,
+            ghosts=self._controls.ghosts.value,
+            view=(client.camera.position, client.camera.look_at),
+        )
+        what = "race" if runs else "motion" if self._playing else "pose"
+        name = f"{self.session.robot.name}-{what}.html"
+        client.send_file_download(name, text.encode(), save_immediately=True)
+        self._controls.save.label = SAVE
 
     # ------------------------------------------------------------ at the beginning
 
     def _build_scene(self) -> None:
         server, robot = self.server, self.session.robot
         add_floor(server, robot)
-        self._arm = ArmNodes(server, robot, "/arm")
+        self._arm = ArmNodes(server, robot, "/arm", look=self._look)
         self._ghosts = [
             ArmNodes(server, robot, f"/ghosts/{k}", colour=SKY, opacity=0.22, visible=False) for k in range(GHOSTS)
         ]
-        self._balls = add_spheres(server, self._spheres) if self._spheres is not None else []
+        self._balls = add_spheres(server, self.spheres) if self.spheres is not None else []
         self._around = [*self._balls]  # what belongs to the one arm's place
-        if self._motion is not None:
-            self._around.append(add_path(server, self._motion.tool_path(robot)))
+        if self.motion is not None:
+            self._around.append(add_path(server, self.motion.tool_path(robot)))
         self._target = server.scene.add_transform_controls("/target", scale=0.22 * robot.length, depth_test=False)
 
         @self._target.on_update
         async def _(event: Any) -> None:
             if event.phase != "start":
                 self.drag(_pose(event.target), thorough=event.phase == "end")
-
-    def _build_controls(self) -> None:
-        gui, robot = self.server.gui, self.session.robot
-        self._words = gui.add_markdown("")
-        self._count = gui.add_markdown("")
-        if self._spheres is not None:
-            self._clearance = gui.add_markdown("")
-        self._reset = gui.add_button("Reset")
-        when_clicked(self._reset, self.reset)
-        orientation = gui.add_checkbox("orientation counts", initial_value=self.session.mask is None)
-        when_moved(orientation, self.ask_orientation)
-        self._ghosts_wanted = gui.add_checkbox("other solutions", initial_value=True)
-        when_moved(self._ghosts_wanted, lambda _: self.worker.submit("ghosts", self.show_ghosts))
-        if self._motion is not None:
-            self._build_motion(self._motion)
-        self._joints = JointPanel(gui, robot, self.turn)
-        self._race = RacePanel(
-            gui, start=self.start_race, close=self.end_race, show=self._show_iteration, later=self._later("race play"),
-            colours=METHOD_COLOURS,
-        )  # fmt: skip
-
-    def _build_motion(self, motion: Motion) -> None:
-        with self.server.gui.add_folder(f"Motion: {motion.name}"):
-            if motion.skipped:
-                self.server.gui.add_markdown(f"{motion.skipped:,} rows without finite joints are left out.")
-            self._motion_player = Player(
-                self.server.gui, "row", len(motion.q), self._show_row, self._later("motion play")
-            )
-
-    def _later(self, key: str) -> Callable[[Callable[[], None] | None, float], None]:
-        def schedule(task: Callable[[], None] | None, delay: float) -> None:
-            self.worker.drop(key) if task is None else self.worker.submit(key, task, delay=delay)
-
-        return schedule
 
 
 def _pose(handle: Any) -> Tensor:

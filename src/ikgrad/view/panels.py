@@ -30,10 +30,15 @@ def when_moved(control: Any, act: Callable[[Any], None]) -> None:
 
 def when_clicked(button: Any, act: Callable[[], None]) -> None:
     """Call a function when a user presses a button."""
+    when_clicked_by(button, lambda _: act())
+
+
+def when_clicked_by(button: Any, act: Callable[[Any], None]) -> None:
+    """The same with viser's handle of the client that pressed it."""
 
     @button.on_click
-    async def _(_: Any) -> None:
-        act()
+    async def _(event: Any) -> None:
+        act(event.client)
 
 
 class JointPanel:
@@ -49,14 +54,16 @@ class JointPanel:
         low, high = (limit.tolist() for limit in robot.sampling_range)
         self._units = [math.pi / 180 if variable.kind == "revolute" else 1.0 for variable in robot.variables]
         self._sliders = []
-        with gui.add_folder("Joints", expand_by_default=True):
-            for k, (variable, unit) in enumerate(zip(robot.variables, self._units, strict=True)):
-                label = f"{variable.name} [{'deg' if variable.kind == 'revolute' else 'm'}]"
-                digits = 1 if variable.kind == "revolute" else 3
-                least, most = _inside(low[k] / unit, high[k] / unit, digits)
-                slider = gui.add_slider(label, min=least, max=most, step=10.0**-digits, initial_value=least)
-                when_moved(slider, partial(_in_si, moved, k, unit))
-                self._sliders.append(slider)
+        names = short_names(robot.joint_names)
+        for k, (variable, unit) in enumerate(zip(robot.variables, self._units, strict=True)):
+            label = f"{names[k]} [{'deg' if variable.kind == 'revolute' else 'm'}]"
+            digits = 1 if variable.kind == "revolute" else 3
+            least, most = _inside(low[k] / unit, high[k] / unit, digits)
+            slider = gui.add_slider(
+                label, min=least, max=most, step=10.0**-digits, initial_value=least, hint=variable.name
+            )
+            when_moved(slider, partial(_in_si, moved, k, unit))
+            self._sliders.append(slider)
 
     def show(self, q: Tensor) -> None:
         """Set the sliders; an endless joint shows its angle within one turn."""
@@ -65,6 +72,21 @@ class JointPanel:
             if unit != 1.0 and not slider.min <= shown <= slider.max:
                 shown = (shown + 180) % 360 - 180
             slider.value = min(max(round(shown, 3), slider.min), slider.max)
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Names without the words at their beginning and end that all of them share: the panel is narrow.
+
+    Example:
+        >>> short_names(["shoulder_pan_joint", "elbow_joint"]), short_names(["panda_joint1", "panda_joint2"])
+        (['shoulder_pan', 'elbow'], ['joint1', 'joint2'])
+    """
+    words = [name.split("_") for name in names]
+    while len(words) > 1 and min(map(len, words)) > 1 and len({each[0] for each in words}) == 1:
+        words = [each[1:] for each in words]
+    while len(words) > 1 and min(map(len, words)) > 1 and len({each[-1] for each in words}) == 1:
+        words = [each[:-1] for each in words]
+    return ["_".join(each) for each in words]
 
 
 def _inside(low: float, high: float, digits: int) -> tuple[float, float]:
@@ -106,6 +128,7 @@ class Player:
         self._fixed, self._position = a_second, 0.0
         self._button = gui.add_button("Play", disabled=count < 2)
         self._playing = False
+        self.controls = [self._slider, self._button] + ([self._speed] if self._speed else [])
         when_moved(self._slider, self._jump)
         when_clicked(self._button, self._toggle)
 
@@ -167,49 +190,46 @@ class RacePanel:
         colours: Sequence[str],
     ):
         self._gui, self._show, self._later, self._colours = gui, show, later, colours
-        self._folder = gui.add_folder("Methods side by side", expand_by_default=True)
-        with self._folder:
-            self.words = gui.add_markdown("From the first pose to the target, every iteration kept.")
-            self._start = gui.add_button("Run on this target")
-            self._close = gui.add_button("Back to the arm", visible=False)
+        self._start = gui.add_button("Run on this target")
+        self._close = gui.add_button("Back to the arm", visible=False)
+        self.words = gui.add_markdown("From the first pose to the target, every iteration kept.")
+        self._place = gui.add_folder("Iterations", visible=False)
         when_clicked(self._start, start)
         when_clicked(self._close, close)
-        self._results: Any = None
+        self._shown: list[Any] = []
 
     def fill(self, runs: Sequence[Run]) -> Player:
         """Show the results of a race, and how to play it."""
-        self.clear()
+        for part in self._shown:
+            part.remove()
         shown = iterations_to_show(runs)
         lines = [
             f'<span style="color:{colour}">■</span> **{run.name}**: {run.words}'
             for run, colour in zip(runs, self._colours, strict=False)
         ]
         self.words.content = "<br>".join(lines)
-        self._close.visible = True
-        with self._folder:
-            self._results = self._gui.add_folder("Iterations")
-        with self._results:
+        self._close.visible = self._place.visible = True
+        with self._place:
+            chart = self._chart(runs)
             player = Player(
                 self._gui, "iteration", len(shown), lambda k: self._show(shown[k]), self._later, a_second=15
             )
-            self._chart(runs)
+        self._shown = [chart, *player.controls]
         return player
 
-    def clear(self) -> None:
-        """Take the results away."""
+    def leave(self) -> None:
+        """The arms are gone; words and curves stay until the next race."""
         self._close.visible = False
-        self.words.content = "From the first pose to the target, every iteration kept."
-        if self._results is not None:
-            self._results.remove()
-            self._results = None
+        for control in self._shown[1:]:
+            control.visible = False
 
-    def _chart(self, runs: Sequence[Run]) -> None:
+    def _chart(self, runs: Sequence[Run]) -> Any:
         steps, errors = curves(runs)
         series = [{"label": "iteration"}] + [
             {"label": run.name, "stroke": colour, "width": 2} for run, colour in zip(runs, self._colours, strict=False)
         ]
         logarithmic = {"distr": 3, "log": 10}
-        self._gui.add_uplot(
+        return self._gui.add_uplot(
             data=(steps.numpy(), *(row.numpy() for row in 1e3 * errors)),
             series=tuple(series),
             scales={"x": {"time": False, **logarithmic}, "y": dict(logarithmic)},
@@ -219,4 +239,4 @@ class RacePanel:
         )
 
 
-__all__ = ["JointPanel", "Player", "RacePanel", "when_clicked", "when_moved"]
+__all__ = ["JointPanel", "Player", "RacePanel", "when_clicked", "when_clicked_by", "when_moved"]

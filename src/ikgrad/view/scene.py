@@ -12,7 +12,8 @@ from ikgrad.collision import Spheres
 from ikgrad.plots.style import PALETTE
 from ikgrad.robot import Robot
 from ikgrad.rotations import quat_wxyz_from_matrix
-from ikgrad.view.shapes import Part, arm_parts, base_mesh, link_radius, merge, part_mesh
+from ikgrad.view.meshes import Look
+from ikgrad.view.shapes import Part, Triangles, arm_parts, base_mesh, link_radius, merge, part_mesh
 
 Colour = tuple[int, int, int]
 Place = tuple[float, float, float]
@@ -38,6 +39,7 @@ class ArmNodes:
         opacity: None: solid.
         place: of the base in the scene [m].
         visible: at first.
+        look: the arm's own meshes; ``colour`` is then that of the links that have none.
     """
 
     def __init__(
@@ -50,24 +52,30 @@ class ArmNodes:
         opacity: float | None = None,
         place: Place = (0.0, 0.0, 0.0),
         visible: bool = True,
+        look: Look | None = None,
     ):
-        self._robot, self._colour = robot, colour
-        scene, solid = server.scene, opacity is None
-        self._root = scene.add_frame(root, show_axes=False, position=place, visible=visible)
+        self._scene, self._name, self._missed = server.scene, root, False
+        self._root = server.scene.add_frame(root, show_axes=False, position=place, visible=visible)
         self._frames: dict[int, Any] = {}
-        self._links: list[Any] = []
-        options = dict(opacity=opacity, cast_shadow=solid, receive_shadow=solid)
-        for link, role, parts in _grouped(arm_parts(robot)):
-            if link not in self._frames:
-                self._frames[link] = scene.add_frame(f"{root}/{link}", show_axes=False)
-            mesh = merge_parts(parts)
+        self._painted: list[tuple[Any, Colour]] = []  # nodes that turn grey, and their own colours
+        self._options = dict(opacity=opacity, cast_shadow=opacity is None, receive_shadow=opacity is None)
+        for link, role, parts in _grouped(parts_to_draw(robot, look)):
             tint = {"link": colour, "joint": DARK, "rail": STEEL}[role]
-            node = scene.add_mesh_simple(f"{root}/{link}/{role}", mesh.vertices, mesh.faces, color=tint, **options)
+            node = self._add(link, role, merge_parts(parts), tint)
             if role == "link":
-                self._links.append(node)
-        if solid:
+                self._painted.append((node, tint))
+        for k, visual in enumerate(look.visuals if look else ()):
+            self._painted.append((self._add(visual.link, f"mesh {k}", visual.mesh, visual.colour), visual.colour))
+        if opacity is None and look is None:
             foot = base_mesh(link_radius(robot))
-            scene.add_mesh_simple(f"{root}/foot", foot.vertices, foot.faces, color=DARK, **options)
+            self._scene.add_mesh_simple(f"{root}/foot", foot.vertices, foot.faces, color=DARK, **self._options)
+
+    def _add(self, link: int, name: str, mesh: Triangles, colour: Colour) -> Any:
+        """A mesh that moves with a link."""
+        frame = f"{self._name}/{link}"
+        if link not in self._frames:
+            self._frames[link] = self._scene.add_frame(frame, show_axes=False)
+        return self._scene.add_mesh_simple(f"{frame}/{name}", mesh.vertices, mesh.faces, color=colour, **self._options)
 
     def show(self, poses: Tensor) -> None:
         """Move the arm: (links, 4, 4) of `ikgrad.link_poses`."""
@@ -75,12 +83,12 @@ class ArmNodes:
         for link, frame in self._frames.items():
             frame.wxyz, frame.position = quaternions[link], places[link]
 
-    def paint(self, colour: Colour) -> None:
-        """Change the colour of the links."""
-        if colour != self._colour:
-            self._colour = colour
-            for node in self._links:
-                node.color = colour
+    def show_missed(self, missed: bool) -> None:
+        """Grey, or its own colours."""
+        if missed != self._missed:
+            self._missed = missed
+            for node, colour in self._painted:
+                node.color = MISSED if missed else colour
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide it."""
@@ -92,6 +100,16 @@ class ArmNodes:
         self._root.remove()
 
 
+def parts_to_draw(robot: Robot, look: Look | None) -> tuple[Part, ...]:
+    """Capsules and cylinders: all of them, or those that stand for meshes that could not be read."""
+    parts = arm_parts(robot)
+    if look is None:
+        return parts
+    frames = robot.detach().tables().link_frame  # parts belong to the first link of a frame, meshes to any
+    without = {int(frames[link]) for link in look.missing}
+    return tuple(part for part in parts if int(frames[part.link]) in without)
+
+
 def _grouped(parts: tuple[Part, ...]) -> list[tuple[int, str, list[Part]]]:
     """Parts that make one mesh: those of one link and one role."""
     groups: dict[tuple[int, str], list[Part]] = {}
@@ -100,7 +118,7 @@ def _grouped(parts: tuple[Part, ...]) -> list[tuple[int, str, list[Part]]]:
     return [(link, role, members) for (link, role), members in groups.items()]
 
 
-def merge_parts(parts: list[Part]) -> Any:
+def merge_parts(parts: list[Part]) -> Triangles:
     """Parts of one link as one mesh."""
     meshes = [part_mesh(part) for part in parts]
     return meshes[0] if len(meshes) == 1 else merge(meshes, turn=False)

@@ -12,17 +12,12 @@ from ikgrad.data import sample_configurations
 from ikgrad.errors import ConfigError
 from ikgrad.kinematics import check_q, forward_kinematics, jacobian, link_poses, pose_error
 from ikgrad.robot import Robot
-from ikgrad.solvers.damped import MAX_STEP, typical_length
-from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.solution import Reason
 from ikgrad.solvers.solve import solve_ik
+from ikgrad.view.follow import Method, Step, levenberg_marquardt
 
 POSITION_ONLY = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 GHOSTS = 8
-
-_QUICK = LevenbergMarquardt(max_starts=4)  # while the target moves: a full search may take a tenth of a second
-_FULL = LevenbergMarquardt()
-_STEPS = {True: 60, False: 6}  # towards a target that is not reached; while it moves the next answer goes on
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +25,14 @@ class Answer:
     """What became of a target.
 
     Attributes:
-        q: (n,) joints to show: a solution, or where the way from the present joints towards the target ends.
+        q: (n,) joints to show: a solution, or where the method has led.
         success: a solution.
         reason: a name of `ikgrad.Reason`.
         words: the same for people.
         position_error: of ``q`` [m].
         rotation_error: of ``q`` [rad].
+        more: the method goes on from ``q`` if it is asked again.
+        near: no solution, and none was promised: an inverter's answer.
     """
 
     q: Tensor
@@ -44,6 +41,8 @@ class Answer:
     words: str
     position_error: float
     rotation_error: float
+    more: bool = False
+    near: bool = False
 
 
 class Session:
@@ -53,6 +52,11 @@ class Session:
         robot: the robot, n joint variables.
         q: (n,) joints to begin with and to come back to [rad or m]; default: `comfortable`.
         position_only: do not ask for an orientation; default: for arms with fewer than six joints.
+
+    Attributes:
+        q: (n,) present joints.
+        T_target: (4, 4) present target [m].
+        method: of `ikgrad.view.follow`; the default is Levenberg-Marquardt.
 
     Raises:
         ShapeError: ``q`` is not n values.
@@ -71,6 +75,7 @@ class Session:
         self.robot = robot
         self.home = comfortable(robot) if q is None else _checked(robot, q)
         self.mask = POSITION_ONLY if (robot.dof < 6 if position_only is None else position_only) else None
+        self.method: Method = levenberg_marquardt
         self.reset()
 
     def reset(self) -> None:
@@ -87,22 +92,26 @@ class Session:
         self.T_target = forward_kinematics(self.robot, self.q)
 
     def reach(self, T_target: Tensor, *, thorough: bool = True) -> Answer:
-        """Go to a target: from the present joints if that works, else from anywhere, else as near as can be.
+        """Go to a target by the method that is chosen; Levenberg-Marquardt goes as near as can be if it must.
 
         Args:
             T_target: (4, 4) wanted pose [m].
             thorough: search as long as `solve_ik` does; False while a target is dragged.
         """
         self.T_target = T_target
-        solver = _FULL if thorough else _QUICK
-        found = solve_ik(self.robot, T_target, q0=self.q, solver=solver, mask=self.mask)
-        if bool(found.success):
-            self.q = found.q
-        elif int(found.reason_code) != Reason.invalid_target:
-            self.q = approach(self.robot, T_target, self.q, position_only=self.mask is not None, steps=_STEPS[thorough])
+        step = self.method(self.robot, T_target, self.q, mask=self.mask, thorough=thorough)
+        self.q = step.q
         position, rotation = self._missing()
-        words = explain(self.robot, int(found.reason_code), T_target, position, None if self.mask else rotation)
-        return Answer(self.q, bool(found.success), str(found.reason), words, position, rotation)
+        words = self._say(step, position, rotation)
+        success = step.code == Reason.converged
+        near = not success and not step.exact and step.code == Reason.no_convergence
+        return Answer(self.q, success, Reason(step.code).name, words, position, rotation, step.more, near)
+
+    def _say(self, step: Step, position: float, rotation: float) -> str:
+        counted = None if self.mask else rotation
+        if step.said and step.code in (Reason.no_convergence, Reason.joint_limits):
+            return f"{step.said}; missing {missing(position, counted)}"
+        return explain(self.robot, step.code, self.T_target, position, counted)
 
     def solutions(self, count: int = GHOSTS) -> Tensor:
         """(k, n) different joints for the present target, nearest first, k <= count; none if there is no solution.
@@ -122,45 +131,6 @@ class Session:
         return float(e[:3].norm()), float(e[3:].norm())
 
 
-def approach(robot: Robot, T_target: Tensor, q: Tensor, *, position_only: bool = False, steps: int = 60) -> Tensor:
-    """(n,) as near to a target as steps downhill lead, inside the limits; never farther away than the start.
-
-    Levenberg-Marquardt on |e|^2, e = [(p* - p) / L; log(R* R^T)], where a step that does not lower it is refused and
-    damped more. (The steps of `solve_ik` may rise; an arm that is stretched out would tremble.)
-
-    Args:
-        robot: the robot, n joint variables.
-        T_target: (4, 4) the target [m].
-        q: (n,) where to start.
-        position_only: do not turn the tool.
-        steps: at most so many.
-    """
-    low, high, length = robot.q_min, robot.q_max, typical_length(robot)
-    unit = torch.ones_like(q).masked_fill(~robot.revolute, length)
-    weight = q.new_tensor([1 / length] * 3 + [0.0 if position_only else 1.0] * 3)
-    q, damping = q.clamp(low, high), 1e-2
-    e, J = _linearised(robot, T_target, q, weight)
-    for _ in range(steps):
-        slope = J.mT @ e
-        free = J.masked_fill(((q >= high) & (slope > 0)) | ((q <= low) & (slope < 0)), 0.0) * unit
-        A = free @ free.mT + damping * torch.eye(6).to(e)
-        tried = (q + unit * (free.mT @ torch.linalg.solve(A, e)).clamp(-MAX_STEP, MAX_STEP)).clamp(low, high)
-        e_tried, J_tried = _linearised(robot, T_target, tried, weight)
-        gain = 1 - float(e_tried @ e_tried) / max(float(e @ e), 1e-30)
-        if gain > 0:
-            q, e, J, damping = tried, e_tried, J_tried, 0.2 * damping
-        else:
-            damping = 5 * damping
-        if 0 < gain < 1e-7 or damping > 1e6:
-            break
-    return q
-
-
-def _linearised(robot: Robot, T_target: Tensor, q: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    e = pose_error(forward_kinematics(robot, q), T_target)
-    return e * weight, jacobian(robot, q) * weight[:, None]
-
-
 def explain(robot: Robot, code: int, T_target: Tensor, position_error: float, rotation_error: float | None) -> str:
     """The reason of one answer in a sentence.
 
@@ -171,10 +141,7 @@ def explain(robot: Robot, code: int, T_target: Tensor, position_error: float, ro
         position_error: what is missing where the arm is shown [m].
         rotation_error: likewise [rad]; None: it does not count.
     """
-    missing = f"{1e3 * position_error:.1f} mm"
-    if rotation_error is not None:
-        missing += f" and {math.degrees(rotation_error):.1f} deg"
-    reason = Reason(code)
+    reason, left = Reason(code), missing(position_error, rotation_error)
     if reason is Reason.converged:
         return "reached"
     if reason is Reason.unreachable:
@@ -182,13 +149,19 @@ def explain(robot: Robot, code: int, T_target: Tensor, position_error: float, ro
         distance = float((T_target[:3, 3] - shoulder).norm())
         return (
             f"out of reach: the target is {distance:.2f} m from the first joint, the links together are at most "
-            f"{robot.reach_bound:.2f} m long{_wrist(robot, distance)}; missing {missing}"
+            f"{robot.reach_bound:.2f} m long{_wrist(robot, distance)}; missing {left}"
         )
     if reason is Reason.joint_limits:
-        return f"joint limits: the arm could be there only with a joint outside its limits; missing {missing}"
+        return f"joint limits: the arm could be there only with a joint outside its limits; missing {left}"
     if reason is Reason.invalid_target:
         return "the target is no rigid transform"
-    return f"no solution found, from here or from any other start (there may be one); missing {missing}"
+    return f"no solution found, from here or from any other start (there may be one); missing {left}"
+
+
+def missing(position_error: float, rotation_error: float | None) -> str:
+    """What is missing: ``"1.2 mm and 0.3 deg"``."""
+    turned = "" if rotation_error is None else f" and {math.degrees(rotation_error):.1f} deg"
+    return f"{1e3 * position_error:.1f} mm{turned}"
 
 
 def _wrist(robot: Robot, distance: float) -> str:
@@ -226,4 +199,4 @@ def _checked(robot: Robot, q: Tensor) -> Tensor:
     return q.to(torch.float64)
 
 
-__all__ = ["GHOSTS", "POSITION_ONLY", "Answer", "Session", "approach", "comfortable", "explain"]
+__all__ = ["GHOSTS", "POSITION_ONLY", "Answer", "Session", "comfortable", "explain"]
