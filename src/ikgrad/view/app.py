@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ikgrad.collision import Spheres
+from ikgrad.kinematics import forward_kinematics, pose_error
 from ikgrad.networks.storage import AnyInverter
 from ikgrad.rotations import matrix_from_quat_wxyz, quat_wxyz_from_matrix
 from ikgrad.view.contest import Contest
@@ -170,8 +171,7 @@ class Viewer:
                 if k < len(others):
                     ghost.show(self.session.poses(others[k]))
                 ghost.set_visible(k < len(others))
-        spare = self.session.robot.dof > (3 if self.session.mask else 6)
-        self._controls.count.content = _say_count(len(found), spare=spare) if wanted else ""
+        self._controls.count.content = _say_count(len(found), spare=self.session.spare) if wanted else ""
 
     def _draw(self, words: str, success: bool, *, near: bool = False) -> None:
         poses = self.session.poses(self.session.q)
@@ -204,6 +204,9 @@ class Viewer:
     def _run_race(self) -> None:
         session, panel = self.session, self._controls.race
         self._leave_race()
+        if pose_error(session.T_target, forward_kinematics(session.robot, session.home)).norm() < 1e-3:
+            panel.words.content = "The target is where all of them would start: drag it away first."
+            return
         panel.words.content = "running ..."
         runs = race(session.robot, session.T_target, session.home, mask=session.mask, inverter=self._inverter)
         with self.server.atomic():

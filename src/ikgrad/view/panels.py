@@ -17,6 +17,7 @@ from ikgrad.robot import Robot
 from ikgrad.view.race import Run, curves, iterations_to_show
 
 SECONDS_A_PICTURE = 1 / 30
+NANOMETRE = 1e-9  # no curve falls below: ticks have three decimals of a micrometre
 
 
 def when_moved(control: Any, act: Callable[[Any], None]) -> None:
@@ -224,17 +225,18 @@ class RacePanel:
             control.visible = False
 
     def _chart(self, runs: Sequence[Run]) -> Any:
-        steps, errors = curves(runs)
-        series = [{"label": "iteration"}] + [
+        steps, errors = curves(runs, floor=NANOMETRE)
+        series = [{"label": "evaluation"}] + [
             {"label": run.name, "stroke": colour, "width": 2} for run, colour in zip(runs, self._colours, strict=False)
         ]
         logarithmic = {"distr": 3, "log": 10}
+        quiet = {"grid": {"stroke": "rgba(0,0,0,0.05)"}, "ticks": {"show": False}}
         return self._gui.add_uplot(
-            data=(steps.numpy(), *(row.numpy() for row in 1e3 * errors)),
+            data=(steps.numpy(), *(row.numpy() for row in 1e6 * errors)),
             series=tuple(series),
             scales={"x": {"time": False, **logarithmic}, "y": dict(logarithmic)},
-            axes=({"label": "evaluation"}, {"label": "position error [mm]", "size": 64}),
-            aspect=1.2,
+            axes=({"label": "evaluation", **quiet}, {"label": "position error [µm]", "size": 72, **quiet}),
+            aspect=1.25,
             padding=(16, 24, 0, 0),
         )
 

@@ -147,12 +147,11 @@ def camera(size: float, *, arms: int = 1) -> tuple[Place, Place]:
 
     Args:
         size: length of an arm [m].
-        arms: how many of them stand in a row.
+        arms: how many there are; several stand in two rows.
     """
     if arms == 1:
-        return (1.45 * size, -1.05 * size, 0.95 * size), (0.2 * size, 0.25 * size, 0.35 * size)
-    shift = 0.28 * arms * size
-    return (shift, -(0.3 + 1.25 * arms) * size, 1.4 * size), (shift, 0.0, 0.4 * size)
+        return (1.3 * size, -0.97 * size, 0.85 * size), (0.19 * size, 0.22 * size, 0.34 * size)
+    return (0.35 * size, -2.5 * size, 1.55 * size), (0.42 * size, 0.0, 0.15 * size)
 
 
 def add_spheres(server: Any, spheres: Spheres) -> list[Any]:

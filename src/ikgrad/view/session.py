@@ -12,12 +12,14 @@ from ikgrad.data import sample_configurations
 from ikgrad.errors import ConfigError
 from ikgrad.kinematics import check_q, forward_kinematics, jacobian, link_poses, pose_error
 from ikgrad.robot import Robot
+from ikgrad.solvers.levenberg import LevenbergMarquardt
 from ikgrad.solvers.solution import Reason
 from ikgrad.solvers.solve import solve_ik
 from ikgrad.view.follow import Method, Step, levenberg_marquardt
 
 POSITION_ONLY = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 GHOSTS = 8
+STARTS = 128  # from which examples are looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +115,36 @@ class Session:
             return f"{step.said}; missing {missing(position, counted)}"
         return explain(self.robot, step.code, self.T_target, position, counted)
 
+    @property
+    def spare(self) -> bool:
+        """More joints than the target needs: solutions come in endless families."""
+        return self.robot.dof > (3 if self.mask else 6)
+
     def solutions(self, count: int = GHOSTS) -> Tensor:
         """(k, n) different joints for the present target, nearest first, k <= count; none if there is no solution.
 
-        An arm with spare joints has endlessly many; these are then examples.
+        An arm with spare joints has endlessly many; these are then examples, as different as can be.
         """
+        if self.spare:
+            return self._examples(count)
         found = solve_ik(self.robot, self.T_target, q0=self.q, solutions=max(count, 2), mask=self.mask)
         return found.q[found.success][:count]
+
+    def _examples(self, count: int) -> Tensor:
+        """Of the answers from many starts the one nearest to the present joints, then always the farthest from all."""
+        starts = sample_configurations(self.robot, STARTS, seed=0)
+        starts[0] = self.q.clamp(self.robot.q_min, self.robot.q_max)
+        T = self.T_target.expand(STARTS, 4, 4)
+        found = solve_ik(self.robot, T, q0=starts, solver=LevenbergMarquardt(max_starts=1), mask=self.mask)
+        q = found.q[found.success]
+        if len(q) == 0:
+            return q
+        chosen = [q[(q - self.q).abs().amax(dim=-1).argmin()]]
+        far = (q - chosen[0]).abs().amax(dim=-1)
+        while len(chosen) < count and float(far.max()) > 1e-3:
+            chosen.append(q[far.argmax()])
+            far = torch.minimum(far, (q - chosen[-1]).abs().amax(dim=-1))
+        return torch.stack(sorted(chosen, key=lambda row: float((row - self.q).abs().max())))
 
     def poses(self, q: Tensor) -> Tensor:
         """(..., links, 4, 4) of joints (..., n)."""
