@@ -1,7 +1,7 @@
 """A page of `ikgrad view` in a Chromium without a window: for the browser tests, the screenshots and first_look.py.
 
-Needs playwright (the extra 'browser') and some Chromium: the one that IKGRAD_CHROMIUM names, or one on PATH. Nothing but 127.0.0.1
-its own place. Nothing but 127.0.0.1 can be reached from the page; whatever it asks for is written down.
+Needs playwright (the extra 'browser') and some Chromium: the one that IKGRAD_CHROMIUM names, or one on PATH.
+Nothing but 127.0.0.1 can be reached from the page; whatever it asks for is written down.
 """
 
 from __future__ import annotations
@@ -130,8 +130,7 @@ class Page:
         mouse.down()
         for k in range(1, moves + 1):
             mouse.move(x + (end[0] - x) * k / moves, y + (end[1] - y) * k / moves)
-        if not hold:
-            mouse.up()
+        mouse.up()
 
 
 def is_local(url: str) -> bool:

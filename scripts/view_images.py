@@ -35,13 +35,16 @@ def main() -> None:
     parser.add_argument("--urdf", help="a URDF that names meshes")
     parser.add_argument("--meshes", help="where they are")
     parser.add_argument("--tip", help="link whose pose is meant")
-    parser.add_argument("--out", type=Path, default=FOLDER)
+    parser.add_argument("--out", type=Path, default=FOLDER, help="folder (docs/images)")
+    parser.add_argument("--only", help="one of panda, motion, meshes")
     args = parser.parse_args()
     torch.set_num_threads(1)
     with chromium(size=SIZE) as new_page:
-        page_and_race(new_page, args.out)
-        motion(new_page, args.out)
-        if args.urdf:
+        if args.only in (None, "panda"):
+            page_and_race(new_page, args.out)
+        if args.only in (None, "motion"):
+            motion(new_page, args.out)
+        if args.urdf and args.only in (None, "meshes"):
             meshes(new_page, args)
 
 
@@ -67,6 +70,12 @@ def shoot(page: Page, path: Path) -> None:
     assert size < MOST_BYTES, f"{path} has {size} bytes"
 
 
+def close(page: Page, viewer: Viewer) -> None:
+    """Away with both: a page in the background goes on drawing."""
+    page.tab.close()
+    viewer.close()
+
+
 def page_and_race(new_page: Callable[[], Page], folder: Path) -> None:
     """A Panda's race, and then the arm with other solutions and the curves of the race beside it."""
     robot = ik.load_robot("panda")
@@ -82,7 +91,7 @@ def page_and_race(new_page: Callable[[], Page], folder: Path) -> None:
     page.tab.get_by_role("button", name="Back to the arm").click()
     page.wait_for(lambda: "shown" in page.text(), "other solutions")
     shoot(page, folder / "view_panda.png")
-    viewer.close()
+    close(page, viewer)
 
 
 def motion(new_page: Callable[[], Page], folder: Path) -> None:
@@ -96,7 +105,7 @@ def motion(new_page: Callable[[], Page], folder: Path) -> None:
     viewer.worker.submit("row", lambda: viewer._controls.motion.show(188))
     page.wait_for(lambda: "contact" in page.text(), "contact")
     shoot(page, folder / "view_motion.png")
-    viewer.close()
+    close(page, viewer)
 
 
 def meshes(new_page: Callable[[], Page], args: argparse.Namespace) -> None:
@@ -105,7 +114,7 @@ def meshes(new_page: Callable[[], Page], args: argparse.Namespace) -> None:
     look = read_look(args.urdf, robot, args.meshes)
     page, viewer = opened(new_page, robot, PANDA if robot.dof == 7 else None, look=look)
     shoot(page, args.out / "view_meshes.png")
-    viewer.close()
+    close(page, viewer)
 
 
 if __name__ == "__main__":
