@@ -1,9 +1,10 @@
 """The robot in a web page: joints to turn, a target to drag, methods to watch, motions to play.
 
 What is shown is computed without viser and can be used and tested without it: `shapes` (the arm as capsules and
-cylinders), `session` (what the arm does for a target, in words), `race` (methods on one target, iterate by iterate),
-`motion` (a file of joints), `obstacles` (spheres, and the clearance to them). `scene`, `panels`, `app`, `server`
-and `export` put it into viser's page and are all that needs the extra ``[viz]``.
+cylinders), `meshes` (as its URDF has it), `session` (what the arm does for a target, in words), `follow` (by which
+method), `race` (methods on one target, iterate by iterate), `motion` and `paths` (joints of a file or of a study),
+`obstacles` (spheres, and the clearance to them). `scene`, `contest`, `panels`, `controls`, `app`, `server` and
+`export` put it into viser's page and are all that needs the extra ``[viz]``.
 """
 
 from ikgrad.view.app import Viewer

@@ -27,6 +27,9 @@ def rgb(colour: str) -> Colour:
 BLUE, VERMILLION, GREEN, PINK, AMBER, SKY, INK = (rgb(colour) for colour in PALETTE)
 ARM, MISSED, DARK, STEEL = (242, 115, 26), (165, 165, 165), (56, 61, 71), (150, 155, 165)
 
+SLIM = 0.94  # radii of a translucent arm, as a share
+FIELD_OF_VIEW = 0.85  # rad
+
 
 class ArmNodes:
     """One arm in the scene.
@@ -36,7 +39,7 @@ class ArmNodes:
         robot: the robot.
         root: name of the node that all others hang below.
         colour: of the links.
-        opacity: None: solid.
+        opacity: None: solid; else a little slimmer, so that it vanishes inside a solid arm in the same place.
         place: of the base in the scene [m].
         visible: at first.
         look: the arm's own meshes; ``colour`` is then that of the links that have none.
@@ -59,7 +62,9 @@ class ArmNodes:
         self._frames: dict[int, Any] = {}
         self._painted: list[tuple[Any, Colour]] = []  # nodes that turn grey, and their own colours
         self._options = dict(opacity=opacity, cast_shadow=opacity is None, receive_shadow=opacity is None)
-        for link, role, parts in _grouped(parts_to_draw(robot, look)):
+        thick = 1.0 if opacity is None else SLIM
+        parts_here = tuple(part._replace(radius=thick * part.radius) for part in parts_to_draw(robot, look))
+        for link, role, parts in _grouped(parts_here):
             tint = {"link": colour, "joint": DARK, "rail": STEEL}[role]
             node = self._add(link, role, merge_parts(parts), tint)
             if role == "link":
@@ -139,7 +144,7 @@ def add_floor(server: Any, robot: Robot) -> None:
         section_color=(200, 200, 200),
     )
     server.initial_camera.position, server.initial_camera.look_at = camera(size)
-    server.initial_camera.fov = 0.85
+    server.initial_camera.fov = FIELD_OF_VIEW
 
 
 def camera(size: float, *, arms: int = 1) -> tuple[Place, Place]:
