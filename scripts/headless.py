@@ -95,11 +95,9 @@ class Page:
         data = self.tab.screenshot(path=path)
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
-    def close_warning(self) -> None:
-        """Away with viser's note that WebGL runs on the CPU."""
-        with contextlib.suppress(Exception):  # there is none where there is a GPU
-            self.tab.get_by_text("Software WebGL rendering").wait_for(timeout=15_000)
-            self.tab.locator(".mantine-Notification-root button").first.click(timeout=5000)
+    def hide_warning(self) -> None:
+        """Away with viser's note that WebGL runs on the CPU; it stands over the scene."""
+        self.tab.add_style_tag(content=".mantine-Notification-root { display: none }")
 
     def see(self, camera: Any, point: np.ndarray) -> tuple[float, float]:
         """Pixel at which a point of the scene is seen.

@@ -55,7 +55,7 @@ def opened(new_page: Callable[[], Page], robot: ik.Robot, q: Any = None, **extra
     page = new_page()
     page.open(f"http://127.0.0.1:{viewer.server.get_port()}")
     page.wait_for(lambda: "solution" in page.text(), "solutions")
-    page.close_warning()
+    page.hide_warning()
     return page, viewer
 
 
@@ -102,6 +102,7 @@ def motion(new_page: Callable[[], Page], folder: Path) -> None:
     assert path.spheres is not None
     motion = named_motion(name, robot)
     page, viewer = opened(new_page, robot, motion.q[0], motion=motion, spheres=path.spheres())
+    page.tab.get_by_label("other solutions").first.uncheck(force=True)
     viewer.worker.submit("row", lambda: viewer._controls.motion.show(188))
     page.wait_for(lambda: "contact" in page.text(), "contact")
     shoot(page, folder / "view_motion.png")

@@ -55,6 +55,12 @@ def test_a_port_that_is_none_is_refused(capsys, port: str):
         (["--robot", "panda", "--inverter", "nothing"], "unknown folder or ready-made inverter"),
         (["--robot", "ur5e", "--inverter", "panda"], "ur5e"),
         (["--robot", "panda", "--export", "page.png"], "unknown kind of file '.png'"),
+        ([], "--robot is missing; only a path of a study brings its own robot (apps, puma"),
+        (["--path", "aps"], "--robot is missing"),
+        (["--robot", "panda", "--path", "aps"], "unknown path 'aps'; did you mean 'apps'?"),
+        (["--robot", "panda", "--path", "apps"], "of the built-in robot 'kr210', not of 'panda' as given"),
+        (["--robot", "panda", "--meshes", "."], "built-in robots have no meshes"),
+        (["--path", "puma", "--meshes", "."], "built-in robots have no meshes"),
     ],
 )
 def test_mistakes_are_one_line(capsys, options: list[str], words: str):
@@ -82,6 +88,29 @@ def test_solved_joints_go_into_a_page(capsys, tmp_path: Path):
     assert err == ""
     assert "__VISER_EMBED_DATA__" in page.read_text(encoding="utf-8")
     assert "exists already" in mistake(capsys, "--robot", "ur5e", "--export", str(page))
+
+
+@installed
+def test_a_path_of_a_study_brings_its_robot(capsys, tmp_path: Path):
+    assert main(["view", "--path", "trajectory", "--export", str(tmp_path / "page.html")]) == 0
+    assert capsys.readouterr().out.startswith("arm4 -> ")
+
+
+@installed
+def test_what_meshes_cannot_be_read_is_one_line(capsys, tmp_path: Path):
+    box = "<visual><geometry><box size='0.1 0.1 0.1'/></geometry></visual>"
+    lost = "<visual><geometry><mesh filename='package://arm/lost.stl'/></geometry></visual>"
+    joint = "<parent link='a'/><child link='b'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        f"<robot name='arm'><link name='a'>{box}</link><link name='b'>{lost}</link>"
+        f"<joint name='j' type='revolute'>{joint}<origin xyz='0 0 1'/></joint></robot>"
+    )
+    page = tmp_path / "page.html"
+    assert main(["view", "--robot", str(urdf), "--meshes", str(tmp_path), "--export", str(page)]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("arm -> ")
+    assert err == f"ikgrad: b: 'package://arm/lost.stl' is not under {tmp_path}; drawn as capsules\n"
 
 
 @installed

@@ -78,7 +78,7 @@ def both(browser: Callable[[], Any]) -> Iterator[Opened]:
     page = browser()
     page.open(f"http://127.0.0.1:{viewer.server.get_port()}")
     page.wait_for(lambda: "solutions found" in page.text(), "the arm and its other solutions")
-    page.close_warning()
+    page.hide_warning()
     yield Opened(page, viewer)
     viewer.close()
 

@@ -176,6 +176,67 @@ def test_the_orientation_can_be_left_free(
     assert float((ik.forward_kinematics(panda, viewer.session.q) - T)[:3, :3].abs().max()) > 0.1
 
 
+def test_other_solutions_and_shadows_can_be_left_out(
+    make: Callable[..., Viewer], browser: Callable[[Viewer], Browser], caplog: pytest.LogCaptureFixture
+):
+    viewer = make(ik.load_robot("ur5e"))
+    page = browser(viewer)
+    eventually(lambda: any(ghost._root.visible for ghost in viewer._ghosts))
+    page.use(viewer._controls.ghosts, False)
+    page.use(viewer._controls.shadows, False)
+    eventually(lambda: not any(ghost._root.visible for ghost in viewer._ghosts))
+    assert viewer._controls.count.content == ""
+    page.drag(ik.forward_kinematics(viewer.session.robot, viewer.session.home + 0.05))
+    eventually(lambda: viewer.worker.wait(0.0) and not viewer._controls.shadows.value)
+    assert not any(ghost._root.visible for ghost in viewer._ghosts)
+    assert caplog.text == ""  # the worker writes there what went wrong
+
+
+def test_another_method_is_chosen_and_apps_goes_on_by_itself(
+    panda: ik.Robot, make: Callable[..., Viewer], browser: Callable[[Viewer], Browser]
+):
+    viewer = make(panda)
+    page = browser(viewer)
+    page.use(viewer._controls.method, "APPS")
+    eventually(lambda: viewer.session.method is viewer.methods["APPS"])
+    T = ik.forward_kinematics(panda, viewer.session.home + 0.05)
+    page.drag(T)
+    eventually(lambda: "APPS is on its way after " in viewer._controls.words.content)
+    q = viewer.session.q
+    eventually(lambda: not torch.equal(viewer.session.q, q))
+    page.use(viewer._controls.reset, True)
+    eventually(lambda: torch.equal(viewer.session.q, viewer.session.home))
+    eventually(lambda: viewer.worker.wait(0.0))
+    assert torch.equal(viewer.session.q, viewer.session.home)  # it does not go on to a target of before
+
+
+def test_the_browser_that_asks_gets_a_page_of_what_is_shown(
+    make: Callable[..., Viewer], browser: Callable[..., Browser]
+):
+    robot = ik.load_robot("arm4")
+    q = torch.linspace(0, 0.3, 5).double()[:, None] + Session(robot).home
+    viewer = make(robot, motion=Motion("q", q))
+    page = browser(viewer)
+    eventually(lambda: len(viewer.server.get_clients()) == 1)
+    sent: list[tuple[str, bytes]] = []
+    (client,) = viewer.server.get_clients().values()
+    client.send_file_download = lambda name, content, **_: sent.append((name, content))
+    page.use(viewer._controls.save, True)
+    eventually(lambda: len(sent) == 1)
+    page.use(viewer._controls.motion._slider, 3)
+    eventually(lambda: torch.equal(viewer.session.q, q[3]))
+    page.use(viewer._controls.save, True)
+    eventually(lambda: len(sent) == 2)
+    viewer.drag(ik.forward_kinematics(robot, viewer.session.home - 0.2))
+    page.use(viewer._controls.race._start, True)
+    eventually(lambda: viewer._contest is not None)
+    page.use(viewer._controls.save, True)
+    eventually(lambda: len(sent) == 3)
+    assert [name for name, _ in sent] == ["arm4-pose.html", "arm4-motion.html", "arm4-race.html"]
+    assert all(b"__VISER_EMBED_DATA__" in content for _, content in sent)
+    eventually(lambda: viewer._controls.save.label == "Save as HTML")
+
+
 # ---------------------------------------------------------------- methods, motions, obstacles
 
 

@@ -116,6 +116,10 @@ class Viewer:
         """Whether the other solutions are shown."""
         self.worker.submit("ghosts", self.show_ghosts)
 
+    def ask_shadows(self, wanted: bool) -> None:
+        """Whether things throw shadows, which costs half of the drawing where there is no GPU."""
+        self.server.scene.configure_default_lights(cast_shadow=wanted)
+
     def start_race(self) -> None:
         """Run the methods from the first pose."""
         self._controls.race.words.content = "running ..."
@@ -164,7 +168,7 @@ class Viewer:
     def show_ghosts(self) -> None:
         """Look for all solutions of the present target, and show those that the arm is not in."""
         wanted = self._controls.ghosts.value and self._contest is None
-        found = self.session.solutions(GHOSTS) if wanted else self.session.q[:0].reshape(0, -1)
+        found = self.session.solutions(GHOSTS) if wanted else self.session.q[None, :][:0]
         others = [q for q in found if bool((q - self.session.q).abs().max() > 1e-3)]
         with self.server.atomic():
             for k, ghost in enumerate(self._ghosts):

@@ -48,6 +48,8 @@ class Controls:
         when_moved(self.orientation, viewer.ask_orientation)
         self.ghosts = gui.add_checkbox("other solutions", initial_value=True)
         when_moved(self.ghosts, viewer.ask_ghosts)
+        self.shadows = gui.add_checkbox("shadows", initial_value=True, hint="without them a page without GPU is faster")
+        when_moved(self.shadows, viewer.ask_shadows)
         self.reset = gui.add_button("Reset")
         when_clicked(self.reset, viewer.reset)
         self._add_tabs()

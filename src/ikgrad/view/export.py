@@ -96,7 +96,7 @@ def page_html(
 def _pose(server: Any, session: Session, arm: ArmNodes, ghosts: bool) -> str:
     arm.show(session.poses(session.q))
     add_axes(server, "/target", session.T_target, 0.15 * session.robot.length)
-    others = session.solutions() if ghosts else session.q[:0].reshape(0, -1)
+    others = session.solutions() if ghosts else session.q[None, :][:0]
     for k, q in enumerate(others):
         if bool((q - session.q).abs().max() > 1e-3):
             ArmNodes(server, session.robot, f"/ghosts/{k}", colour=SKY, opacity=0.22).show(session.poses(q))
