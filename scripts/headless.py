@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,7 @@ class Page:
         self.refused: list[str] = []
         self.errors: list[str] = []
         self.tab = context.new_page()
+        self.tab.set_default_timeout(120_000)  # where a busy machine draws on its CPU, a picture can take many seconds
         self.tab.on("request", lambda request: self.asked.append(request.url))
         self.tab.on("websocket", lambda channel: self.asked.append(channel.url))
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -69,9 +71,10 @@ class Page:
         """What can be read on the page."""
         return str(self.tab.inner_text("body"))
 
-    def wait_for(self, true: Callable[[], bool], what: str, *, seconds: float = 90) -> None:
+    def wait_for(self, true: Callable[[], bool], what: str, *, seconds: float = 120) -> None:
         """Until something is so; AssertionError after the time."""
-        for _ in range(int(10 * seconds)):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
             if true():
                 return
             self.tab.wait_for_timeout(100)

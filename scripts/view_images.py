@@ -24,7 +24,7 @@ from ikgrad.view.paths import find_path, named_motion
 from ikgrad.view.race import inverter_for
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
-SIZE = (1360, 800)
+SIZE = (1360, 860)
 MOST_BYTES = 300_000
 PANDA = (0.3, -0.5, 0.2, -2.1, 0.3, 1.8, 0.9)
 

@@ -270,7 +270,7 @@ def test_meshes_move_with_the_arm_and_turn_grey_with_it(make: Any, stored: Path,
     look = read_look(path, robot, stored / "small" / "meshes")
     viewer = Viewer(start_server(port=0), Session(robot), look=look)
     try:
-        arm = viewer._arm
+        arm = viewer.stage.arm
         assert len(arm._painted) == 2
         T = viewer.session.T_target.clone()
         T[:3, 3] += 5

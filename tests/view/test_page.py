@@ -104,7 +104,7 @@ def expected(viewer: Viewer, arm: Any, q: torch.Tensor) -> torch.Tensor:
 def test_every_robot_has_a_page(robot: ik.Robot, make: Callable[..., Viewer]):
     viewer = make(robot)
     q = viewer.session.q
-    assert torch.allclose(shown(viewer, viewer._arm), expected(viewer, viewer._arm, q))
+    assert torch.allclose(shown(viewer, viewer.stage.arm), expected(viewer, viewer.stage.arm, q))
     for slider, value, unit in zip(
         viewer._controls.joints._sliders, q.tolist(), viewer._controls.joints._units, strict=True
     ):
@@ -121,9 +121,11 @@ def test_dragging_the_target_moves_the_arm(make: Callable[..., Viewer], browser:
     page.drag(T)
     eventually(lambda: torch.allclose(viewer.session.q, q, atol=1e-4))
     eventually(lambda: viewer._controls.words.content == "**Target:** reached")
-    eventually(lambda: torch.allclose(shown(viewer, viewer._arm), expected(viewer, viewer._arm, q), atol=1e-4))
+    eventually(
+        lambda: torch.allclose(shown(viewer, viewer.stage.arm), expected(viewer, viewer.stage.arm, q), atol=1e-4)
+    )
     eventually(lambda: "solutions found" in viewer._controls.count.content)
-    drawn = [ghost for ghost in viewer._ghosts if ghost._root.visible]
+    drawn = [ghost for ghost in viewer.stage.ghosts if ghost._root.visible]
     assert len(drawn) == int(re.search(r"\d+", viewer._controls.count.content)[0]) - 1  # the arm itself is one of them
     tip = ik.forward_kinematics(robot, viewer.session.q)[:3, 3]
     for ghost in drawn:
@@ -136,15 +138,15 @@ def test_a_target_out_of_reach_is_explained_and_the_ghosts_go(
 ):
     viewer = make(ik.load_robot("ur5e"))
     page = browser(viewer)
-    eventually(lambda: any(ghost._root.visible for ghost in viewer._ghosts))
+    eventually(lambda: any(ghost._root.visible for ghost in viewer.stage.ghosts))
     T = viewer.session.T_target.clone()
     T[:3, 3] *= 10
     page.drag(T)
     page.drop()
     eventually(lambda: viewer._controls.words.content.startswith("**Target not met:** out of reach"))
     eventually(lambda: viewer.worker.wait(0.0))
-    assert not any(ghost._root.visible for ghost in viewer._ghosts)
-    assert viewer._target.position == pytest.approx(T[:3, 3].tolist())  # the target stays where it was put
+    assert not any(ghost._root.visible for ghost in viewer.stage.ghosts)
+    assert viewer.stage.target.position == pytest.approx(T[:3, 3].tolist())  # the target stays where it was put
 
 
 def test_a_slider_turns_one_joint_and_takes_the_target_along(
@@ -158,7 +160,7 @@ def test_a_slider_turns_one_joint_and_takes_the_target_along(
     assert torch.equal(viewer.session.q[others], home[others])  # not rounded to what the sliders show
     eventually(lambda: viewer.worker.wait(0.0))
     T = ik.forward_kinematics(panda, viewer.session.q)
-    assert viewer._target.position == pytest.approx(T[:3, 3].tolist())
+    assert viewer.stage.target.position == pytest.approx(T[:3, 3].tolist())
     page.use(viewer._controls.reset, True)
     eventually(lambda: torch.equal(viewer.session.q, home))
 
@@ -181,14 +183,14 @@ def test_other_solutions_and_shadows_can_be_left_out(
 ):
     viewer = make(ik.load_robot("ur5e"))
     page = browser(viewer)
-    eventually(lambda: any(ghost._root.visible for ghost in viewer._ghosts))
+    eventually(lambda: any(ghost._root.visible for ghost in viewer.stage.ghosts))
     page.use(viewer._controls.ghosts, False)
     page.use(viewer._controls.shadows, False)
-    eventually(lambda: not any(ghost._root.visible for ghost in viewer._ghosts))
+    eventually(lambda: not any(ghost._root.visible for ghost in viewer.stage.ghosts))
     assert viewer._controls.count.content == ""
     page.drag(ik.forward_kinematics(viewer.session.robot, viewer.session.home + 0.05))
     eventually(lambda: viewer.worker.wait(0.0) and not viewer._controls.shadows.value)
-    assert not any(ghost._root.visible for ghost in viewer._ghosts)
+    assert not any(ghost._root.visible for ghost in viewer.stage.ghosts)
     assert caplog.text == ""  # the worker writes there what went wrong
 
 
@@ -253,8 +255,8 @@ def test_a_race_shows_an_arm_for_every_method_and_goes_away_again(
     eventually(
         lambda: viewer._contest is not None and len(viewer._contest.arms) == 4 and viewer._race_player is not None
     )
-    assert not viewer._arm._root.visible
-    assert not viewer._balls[0].visible
+    assert not viewer.stage.arm._root.visible
+    assert not viewer.stage.balls[0].visible
     assert viewer._controls.race.words.content.count("steps") >= 3
     player = viewer._race_player
     last = player._count - 1
@@ -265,8 +267,8 @@ def test_a_race_shows_an_arm_for_every_method_and_goes_away_again(
     first = viewer._contest.arms[0]
     eventually(lambda: torch.allclose(shown(viewer, first), expected(viewer, first, session.home)))
     page.use(viewer._controls.race._close, True)
-    eventually(lambda: viewer._contest is None and viewer._arm._root.visible)
-    eventually(lambda: viewer._balls[0].visible)
+    eventually(lambda: viewer._contest is None and viewer.stage.arm._root.visible)
+    eventually(lambda: viewer.stage.balls[0].visible)
     assert viewer.server.scene.get_handle_by_name("/race/0") is None
 
 
@@ -298,10 +300,10 @@ def test_contact_is_said_and_coloured(
     tip = ik.forward_kinematics(panda, Session(panda).home)[:3, 3]
     viewer = make(panda, spheres=Spheres(tip[None], torch.tensor([0.05]).double()))
     assert "contact: -" in viewer._controls.clearance.content
-    assert tuple(viewer._balls[0].color) == VERMILLION
+    assert tuple(viewer.stage.balls[0].color) == VERMILLION
     browser(viewer).use(viewer._controls.joints._sliders[0], -100.0)
     eventually(lambda: "free: " in viewer._controls.clearance.content)
-    assert tuple(viewer._balls[0].color) == BLUE
+    assert tuple(viewer.stage.balls[0].color) == BLUE
 
 
 # ---------------------------------------------------------------- server and exported page

@@ -3,7 +3,7 @@
 What is shown is computed without viser and can be used and tested without it: `shapes` (the arm as capsules and
 cylinders), `meshes` (as its URDF has it), `session` (what the arm does for a target, in words), `follow` (by which
 method), `race` (methods on one target, iterate by iterate), `motion` and `paths` (joints of a file or of a study),
-`obstacles` (spheres, and the clearance to them). `scene`, `contest`, `panels`, `controls`, `app`, `server` and
+`obstacles` (spheres, and the clearance to them). `scene`, `stage`, `contest`, `panels`, `controls`, `app`, `server` and
 `export` put it into viser's page and are all that needs the extra ``[viz]``.
 """
 

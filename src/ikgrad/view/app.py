@@ -1,30 +1,26 @@
-"""The page: what people do on it, and what is then shown. `ikgrad.view.controls` has the controls themselves."""
+"""The page: what people do on it, and what is then shown. `stage` holds the scene, `controls` the controls."""
 
 from __future__ import annotations
 
 from functools import partial
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ikgrad.collision import Spheres
 from ikgrad.kinematics import forward_kinematics, pose_error
 from ikgrad.networks.storage import AnyInverter
-from ikgrad.rotations import matrix_from_quat_wxyz, quat_wxyz_from_matrix
 from ikgrad.view.contest import Contest
 from ikgrad.view.controls import SAVE, Controls
 from ikgrad.view.export import page_html
 from ikgrad.view.follow import methods
 from ikgrad.view.meshes import Look
 from ikgrad.view.motion import Motion
-from ikgrad.view.obstacles import clearance
 from ikgrad.view.panels import Player
 from ikgrad.view.race import race
-from ikgrad.view.scene import BLUE, SKY, VERMILLION, ArmNodes, add_floor, add_path, add_spheres, camera
 from ikgrad.view.server import stop_server
 from ikgrad.view.session import GHOSTS, Answer, Session
-from ikgrad.view.shapes import arm_parts
+from ikgrad.view.stage import Stage
 from ikgrad.view.worker import Worker
 
 REST = 0.2  # seconds without a change before the other solutions are looked for
@@ -55,11 +51,11 @@ class Viewer:
         self.server, self.session, self.worker = server, session, Worker()
         self.motion, self.spheres, self._inverter, self._look = motion, spheres, inverter, look
         self.methods = methods(inverter)
-        self._parts = arm_parts(session.robot)
+        self.stage = Stage(server, session.robot, motion=motion, spheres=spheres, look=look)
+        self.stage.when_dragged(lambda T, let_go: self.drag(T, thorough=let_go))
         self._contest: Contest | None = None
         self._race_player: Player | None = None
         self._playing = False  # the arm stands in a row of the motion
-        self._build_scene()
         self._controls = Controls(server.gui, self)
         self.joints_changed()
 
@@ -140,9 +136,7 @@ class Viewer:
         """Go to a target and show the answer; a method that is on its way goes on until the target changes."""
         self._playing = False
         answer = self.session.reach(T_target, thorough=thorough)
-        with self.server.atomic():
-            self._place_target()
-            self._draw(answer.words, answer.success, near=answer.near)
+        self._show(answer.words, answer.success, near=answer.near)
         if answer.more:
             self.worker.submit("go on", partial(self._go_on, T_target))
         return answer
@@ -154,9 +148,7 @@ class Viewer:
     def joints_changed(self) -> None:
         """Show the session's joints, the target at the tool."""
         self._playing = False
-        with self.server.atomic():
-            self._place_target()
-            self._draw("reached", True)
+        self._show("reached", True)
 
     def show_row(self, row: int) -> None:
         """A row of the motion."""
@@ -169,41 +161,21 @@ class Viewer:
         """Look for all solutions of the present target, and show those that the arm is not in."""
         wanted = self._controls.ghosts.value and self._contest is None
         found = self.session.solutions(GHOSTS) if wanted else self.session.q[None, :][:0]
-        others = [q for q in found if bool((q - self.session.q).abs().max() > 1e-3)]
         with self.server.atomic():
-            for k, ghost in enumerate(self._ghosts):
-                if k < len(others):
-                    ghost.show(self.session.poses(others[k]))
-                ghost.set_visible(k < len(others))
+            self.stage.show_others(tuple(q for q in found if bool((q - self.session.q).abs().max() > 1e-3)))
         self._controls.count.content = _say_count(len(found), spare=self.session.spare) if wanted else ""
 
-    def _draw(self, words: str, success: bool, *, near: bool = False) -> None:
-        poses = self.session.poses(self.session.q)
-        self._arm.show(poses)
-        self._arm.show_missed(not (success or near))
-        self._controls.joints.show(self.session.q)
-        state = "Target" if success else "Target nearly met" if near else "Target not met"
-        self._controls.words.content = f"**{state}:** {words}"
-        self._show_clearance(poses)
-        for ghost in self._ghosts:
-            ghost.set_visible(False)
-        self._controls.count.content = ""
+    def _show(self, words: str, success: bool, *, near: bool = False) -> None:
+        """The session's joints and target, and what there is to say."""
+        with self.server.atomic():
+            clear = self.stage.show(self.session.q, self.session.T_target, missed=not (success or near))
+            self._controls.joints.show(self.session.q)
+            state = "Target" if success else "Target nearly met" if near else "Target not met"
+            self._controls.words.content = f"**{state}:** {words}"
+            if clear:
+                self._controls.clearance.content = f"**Clearance:** {clear}"
+            self._controls.count.content = ""
         self.worker.submit("ghosts", self.show_ghosts, delay=REST)
-
-    def _show_clearance(self, poses: Tensor) -> None:
-        if self.spheres is None:
-            return
-        found = clearance(self._parts, poses, self.spheres)
-        self._controls.clearance.content = f"**Clearance:** {found.words}"
-        for k, ball in enumerate(self._balls):
-            colour = VERMILLION if k == found.sphere and found.distance <= 0 else BLUE
-            if tuple(ball.color) != colour:
-                ball.color = colour
-
-    def _place_target(self) -> None:
-        T = self.session.T_target
-        self._target.position = T[:3, 3].numpy()
-        self._target.wxyz = quat_wxyz_from_matrix(T[:3, :3]).numpy()
 
     def _run_race(self) -> None:
         session, panel = self.session, self._controls.race
@@ -215,7 +187,7 @@ class Viewer:
         runs = race(session.robot, session.T_target, session.home, mask=session.mask, inverter=self._inverter)
         with self.server.atomic():
             self._contest = Contest(self.server, session.robot, runs, session.T_target)
-            self._set_alone(False)
+            self.stage.set_alone(False, arms=len(runs))
         self._race_player = panel.fill(runs)
         self._race_player.show(0)
         self._race_player.play()
@@ -236,19 +208,8 @@ class Viewer:
             self._contest.remove()
             self._contest = None
             self._controls.race.leave()
-            self._set_alone(True)
+            self.stage.set_alone(True)
         self.joints_changed()
-
-    def _set_alone(self, alone: bool) -> None:
-        """Whether the one arm is shown, or the arms of a race."""
-        self._arm.set_visible(alone)
-        for node in (self._target, *self._around):
-            node.visible = alone
-        for ghost in self._ghosts:
-            ghost.set_visible(False)
-        arms = len(self._contest.arms) if self._contest else 1
-        for client in self.server.get_clients().values():
-            client.camera.position, client.camera.look_at = camera(self.session.robot.length, arms=arms)
 
     def _save(self, client: Any) -> None:
         runs = self._contest.runs if self._contest else ()
@@ -265,34 +226,6 @@ class Viewer:
         name = f"{self.session.robot.name}-{what}.html"
         client.send_file_download(name, text.encode(), save_immediately=True)
         self._controls.save.label = SAVE
-
-    # ------------------------------------------------------------ at the beginning
-
-    def _build_scene(self) -> None:
-        server, robot = self.server, self.session.robot
-        add_floor(server, robot)
-        self._arm = ArmNodes(server, robot, "/arm", look=self._look)
-        self._ghosts = [
-            ArmNodes(server, robot, f"/ghosts/{k}", colour=SKY, opacity=0.22, visible=False) for k in range(GHOSTS)
-        ]
-        self._balls = add_spheres(server, self.spheres) if self.spheres is not None else []
-        self._around = [*self._balls]  # what belongs to the one arm's place
-        if self.motion is not None:
-            self._around.append(add_path(server, self.motion.tool_path(robot)))
-        self._target = server.scene.add_transform_controls("/target", scale=0.22 * robot.length, depth_test=False)
-
-        @self._target.on_update
-        async def _(event: Any) -> None:
-            if event.phase != "start":
-                self.drag(_pose(event.target), thorough=event.phase == "end")
-
-
-def _pose(handle: Any) -> Tensor:
-    """Where a user has dragged something: (4, 4)."""
-    T = torch.eye(4, dtype=torch.float64)
-    T[:3, :3] = matrix_from_quat_wxyz(torch.tensor(handle.wxyz, dtype=torch.float64))
-    T[:3, 3] = torch.tensor(handle.position, dtype=torch.float64)
-    return T
 
 
 def _say_count(count: int, *, spare: bool) -> str:
