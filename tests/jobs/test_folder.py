@@ -141,7 +141,7 @@ def test_force_of_a_shard_removes_its_own_partitions_only(tmp_path: Path):
         keep(folder, name)
     folder.begin(JOB, ["a", "c"], force=True)
     assert sorted(path.name for path in folder.path.glob("*.parquet")) == ["b.parquet"]
-    with pytest.raises(DataError, match="seed was 1, is 2"):
+    with pytest.raises(DataError, match="seed was 1, is 2; --force without --shard starts anew"):
         folder.begin(JOB | {"seed": 2}, ["a"], force=True)
     assert folder.check("b").record is not None
 

@@ -112,7 +112,10 @@ class JobFolder:
             self._describe(job)
         differs = job_differences(self.read_job(), job)
         if differs:
-            raise DataError(f"{self.path}: cannot go on with another job: {'; '.join(differs)}; --force starts anew")
+            anew = (
+                "--force starts anew" if set(own) >= set(job["partitions"]) else "--force without --shard starts anew"
+            )
+            raise DataError(f"{self.path}: cannot go on with another job: {'; '.join(differs)}; {anew}")
         if not resume and any(self.partition(name).exists() or self._record(name).exists() for name in own):
             finished = (self.path / MANIFEST).exists()
             kind, goes_on = ("a finished job", "verifies it") if finished else ("an unfinished job", "goes on with it")
