@@ -90,7 +90,7 @@ def test_the_parser_imports_nothing_heavy():
 
 MISTAKES = {
     "": "COMMAND",
-    "slove": "unknown 'slove'; did you mean 'solve'? (known: robots, fk, sample, solve, merge, train, evaluate,",
+    "slove": "unknown 'slove'; did you mean 'solve'? (known: robots, fk, sample, solve, merge, map, train, evaluate,",
     "--versoin": "unknown option '--versoin'; did you mean '--version'?",
     "solve --rbot panda p.csv -o q.csv": "ikgrad solve: unknown option '--rbot'; did you mean '--robot'?",
     "solve --robot panda p.csv -o q.csv --sover=lm": "unknown option '--sover'; did you mean '--solver'?",
