@@ -187,7 +187,7 @@ def test_another_job_is_refused_with_what_differs(tmp_path: Path, change, said):
     folder.begin(JOB, NAMES)
     for how in ({}, {"resume": True}):
         with pytest.raises(DataError, match=f"cannot go on with another job: .*{said}.*; --force starts anew"):
-            folder.begin(JOB | change, NAMES, **how)
+            folder.begin(JOB | change, list((JOB | change)["partitions"]), **how)
 
 
 def test_another_robot_or_setting_is_another_job(place: Path, robot):
