@@ -11,6 +11,7 @@ import pytest
 
 import ikgrad as ik
 from ikgrad import plots
+from ikgrad.errors import MissingExtraError
 from ikgrad.plots.sliders import WIDGET, Explorer
 
 
@@ -41,7 +42,7 @@ def test_without_ipywidgets_the_picture_is_left_and_the_extra_is_named(monkeypat
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
     explorer = plots.explore(line, slope=[1.0])
     assert set(shown(explorer)) == {"text/plain", "image/png"}
-    with pytest.raises(ik.ConfigError, match=r"sliders need ipywidgets; pip install 'ikgrad\[notebook\]'"):
+    with pytest.raises(MissingExtraError, match=r"sliders need ipywidgets; pip install 'ikgrad\[notebook\]'"):
         explorer.panel()
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib.util
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ikgrad.cli.parsing import count
 from ikgrad.cli.terminal import Interrupted, Progress, duration
 from ikgrad.errors import ConfigError, DataError, describe
+from ikgrad.extras import check
 
 if TYPE_CHECKING:
     from ikgrad.jobs.folder import Job, JobFolder
@@ -173,9 +173,9 @@ def _shard(args: argparse.Namespace) -> Shard | None:
 def _engine(args: argparse.Namespace) -> Callable[[Task, Sequence[str]], Iterator[Record]]:
     workers, threads = args.workers or max(1, _cores() // (args.threads or 1)), args.threads or 1
     if args.engine == "ray":
-        if importlib.util.find_spec("ray") is None:
-            raise ConfigError("--engine ray needs Ray; pip install 'ikgrad[distributed]'")
-        run_ray = importlib.import_module("ikgrad.jobs.ray_engine").run_ray
+        check("ray", extra="distributed", what="Ray clusters")
+        from ikgrad.jobs.ray_engine import run_ray
+
         return lambda task, names: run_ray(task, names, workers=workers, threads=threads, address=args.address)
     if args.address:
         raise ConfigError("--address is that of a Ray cluster; it needs --engine ray")

@@ -27,6 +27,7 @@ from typing import Any
 
 from ikgrad import __version__
 from ikgrad.errors import ConfigError, DataError
+from ikgrad.extras import need
 from ikgrad.jobs.local import STRIKES
 from ikgrad.jobs.task import Record, Task
 from ikgrad.jobs.worker import portable
@@ -55,7 +56,8 @@ def run_ray(
         A record for each name, in order of completion.
 
     Raises:
-        ConfigError: ray is not installed, nothing answers at ``address``, the cluster is too small for one worker, or
+        MissingExtraError: ray is not installed.
+        ConfigError: nothing answers at ``address``, the cluster is too small for one worker, or
             its machines have another ikgrad.
         IkgradError, OSError: what the task raised.
         DataError: a partition ended its worker again and again.
@@ -90,20 +92,12 @@ LOCAL = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 def _cluster(address: str | None, *, cores: int) -> Iterator[ModuleType]:
     """A connection for as long as the block lasts; one that was there before stays."""
     with _environment({**QUIET, **(LOCAL if address is None else {})}):
-        ray = _import_ray()
+        ray = need("ray", extra="distributed", what="Ray clusters")
     if ray.is_initialized():
         yield ray
         return
     with _kept_terminal(), _own_cluster(ray, cores) if address is None else _joined_cluster(ray, address):
         yield ray
-
-
-def _import_ray() -> ModuleType:
-    try:
-        import ray
-    except ImportError as error:
-        raise ConfigError("the engine 'ray' needs one more package: pip install 'ikgrad[distributed]'") from error
-    return ray
 
 
 @contextlib.contextmanager

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ikgrad.errors import ConfigError
+from ikgrad.errors import ConfigError, MissingExtraError
+from ikgrad.extras import need
 from ikgrad.plots.style import to_png
 
 if TYPE_CHECKING:
@@ -77,12 +78,9 @@ class Explorer:
         """Sliders and picture as an ipywidgets box.
 
         Raises:
-            ConfigError: ipywidgets is not installed.
+            MissingExtraError: ipywidgets is not installed.
         """
-        try:
-            import ipywidgets
-        except ImportError as error:
-            raise ConfigError("sliders need ipywidgets; pip install 'ikgrad[notebook]'") from error
+        ipywidgets = need("ipywidgets", extra="notebook", what="sliders")
         sliders = {name: self._slider(ipywidgets, name) for name in self.choices}
         picture = ipywidgets.Image(value=self.png(), format="png", layout={"align_self": "flex-start"})
 
@@ -111,7 +109,7 @@ class Explorer:
         bundle = {"text/plain": repr(self), "image/png": base64.b64encode(self.png()).decode()}
         try:
             return {**bundle, WIDGET: self.panel()._repr_mimebundle_()[WIDGET]}
-        except ConfigError:
+        except MissingExtraError:
             return bundle
 
 
