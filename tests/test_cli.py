@@ -23,6 +23,11 @@ COMMAND_LINES = [
     [],
     ["reproduce", "apps"],
     ["reproduce", "puma"],
+    ["reproduce", "denso"],
+    ["reproduce", "trajectory"],
+    ["bench", "ik"],
+    ["bench", "fk"],
+    ["bench", "jacobian"],
     *([module.__name__.rsplit(".", 1)[1]] for module in COMMANDS),
 ]
 HOME = "0,-0.3,0,-2.2,0,2,0.8"

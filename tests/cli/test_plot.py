@@ -141,6 +141,16 @@ def test_with_the_robot_the_summary_shows_the_workspace(made: Path):
     assert len(found.draw(options=Options(ik.load_robot("panda"))).axes) == 8  # two panels, two colour bars
 
 
+def test_a_file_in_which_nothing_could_be_solved_is_drawn(tmp_path: Path):
+    from ikgrad.plots.families import Options
+
+    (tmp_path / "bad.csv").write_text("x_m,y_m,z_m,qw,qx,qy,qz\nnan,0,1,1,0,0,0\n")
+    joints = tmp_path / "joints.csv"
+    assert main(["solve", "--robot", "panda", str(tmp_path / "bad.csv"), "-o", str(joints)]) == 0
+    figure = recognise([joints]).draw(options=Options(ik.load_robot("panda")))
+    assert [text.get_text() for text in figure.axes[0].texts] == ["no row is finite"]
+
+
 def test_the_summary_is_of_the_rows_in_the_file(made: Path):
     results = [read_results(made / f"joints{kind}", kind) for kind in (".csv", ".npz")]
     for name, values in results[0].items():
@@ -187,6 +197,7 @@ MISTAKES: list[tuple[list[str], str]] = [
     (["half.json"], "half.json: is no evaluation of this version of ikgrad"),
     (["unmeasured.json"], "no solver was measured, so there is nothing to draw"),
     (["short.csv"], "short.csv: is damaged"),
+    (["bad.csv"], "bad.csv: no pose is finite, so there is nothing to draw"),
 ]
 
 
@@ -209,6 +220,7 @@ def test_mistakes_get_one_line_and_write_nothing(words, line, made: Path, tmp_pa
     (tmp_path / "unmeasured.json").write_text(json.dumps(unmeasured))
     head = (made / "joints.csv").read_text().splitlines()[0]
     (tmp_path / "short.csv").write_text(f"{head}\n1,2\n")
+    (tmp_path / "bad.csv").write_text("x_m,y_m,z_m,qw,qx,qy,qz\nnan,0,1,1,0,0,0\n")
     before = sorted(tmp_path.rglob("*"))
     assert line in mistake(capsys, "plot", *(word.format(made=made) for word in words))
     assert sorted(tmp_path.rglob("*")) == before

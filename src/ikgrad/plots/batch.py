@@ -75,6 +75,10 @@ def _parts(with_workspace: bool) -> tuple[Figure, Any, Any]:
 
 
 def _errors(axes: Any, error: np.ndarray, solved: np.ndarray, label: str) -> None:
+    if not np.isfinite(error).any():
+        axes.set(xlabel=label, ylabel="rows [-]")
+        axes.text(0.5, 0.5, "no row is finite", transform=axes.transAxes, ha="center")
+        return
     positive = error[np.isfinite(error) & (error > 0)]
     least = positive.min() if len(positive) else 1e-17
     drawn = np.maximum(error, least)

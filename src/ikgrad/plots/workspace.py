@@ -119,6 +119,9 @@ def workspace_errors(
 def draw_workspace(figure: Any, robot: Robot, p: np.ndarray, position_error: np.ndarray, success: np.ndarray) -> None:
     """The panels of `workspace_errors` in a figure or a part of one; arguments as there."""
     kept = np.isfinite(p).all(axis=1) & np.isfinite(position_error)
+    if not kept.any():
+        figure.suptitle("no row is finite, so there are no places")
+        return
     count = int(np.clip(np.sqrt(kept.sum() / 25), 6, 36))
     smallest = position_error[kept & (position_error > 0)].min(initial=1.0)
     mm = 1e3 * np.maximum(position_error[kept], smallest)

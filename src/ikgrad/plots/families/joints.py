@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ikgrad.errors import DataError
 from ikgrad.files.joints import RESULTS, open_joints
 from ikgrad.files.peek import Peek
 from ikgrad.files.results import read_results
@@ -92,6 +93,8 @@ def _arm(look: Peek, options: Options) -> Figure:
     robot = options.need_robot("a figure of the arm")
     q = _q(look, robot)
     q = q[q.isfinite().all(dim=1)]
+    if not len(q):
+        raise DataError(f"{look.path}: no row is finite, so there is nothing to draw")
     rows = torch.linspace(0, len(q) - 1, min(len(q), _GHOSTS)).round().long()
     return arm_frames(robot, q[rows], title=f"{look.path.name}: {robot.name}, {len(rows)} of {len(q):,} rows")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from ikgrad.errors import DataError
 from ikgrad.files.peek import Peek
 from ikgrad.files.poses import COLUMNS, open_poses
 from ikgrad.plots.families.base import Family, Found, Options
@@ -47,7 +48,10 @@ def _frames(look: Peek, options: Options) -> Figure:
 def _poses(look: Peek) -> Tensor:
     """(N, 4, 4), without those that are not finite."""
     T = torch.cat([targets.T for targets in open_poses(look.path, kind=look.kind).chunks()])
-    return T[T.isfinite().all(dim=-1).all(dim=-1)]
+    kept = T.isfinite().all(dim=-1).all(dim=-1)
+    if not kept.any():
+        raise DataError(f"{look.path}: no pose is finite, so there is nothing to draw")
+    return T[kept]
 
 
 FAMILY = Family("a pose file", find)
