@@ -105,9 +105,7 @@ def arm_frames(
             draw_frame(axes, T, size if ends else 0.8 * size, width=3.0 if ends else 2.0)
         for T in goals:
             draw_frame(axes, T, size, width=3.0)
-        for colour, name in zip(AXIS_COLOURS, "xyz", strict=True):
-            axes.plot([], [], color=colour, linewidth=3, label=f"{name} axis")
-        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.95))
+        frame_key(axes)
         axes.view_init(*view)
         figure.suptitle(title, fontsize=12)
     return figure
@@ -126,6 +124,13 @@ def draw_frame(axes: Any, T: np.ndarray, size: float, *, width: float, alpha: fl
     for k, colour in enumerate(AXIS_COLOURS):
         ray = np.stack([T[:3, 3], T[:3, 3] + size * T[:3, k]])
         axes.plot(*ray.T, color=colour, linewidth=width, alpha=alpha, zorder=7, solid_capstyle="round")
+
+
+def frame_key(axes: Any) -> None:
+    """The legend of frames."""
+    for colour, name in zip(AXIS_COLOURS, "xyz", strict=True):
+        axes.plot([], [], color=colour, linewidth=3, label=f"{name} axis")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.95))
 
 
 def draw_meshes(axes: Any, meshes: Sequence[Mesh]) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikgrad.plots.arm import AXIS_COLOURS, draw_floor, draw_frame
+from ikgrad.plots.arm import draw_floor, draw_frame, frame_key
 from ikgrad.plots.style import FAINT, INK, PALETTE, new_figure, styled
 
 if TYPE_CHECKING:
@@ -63,9 +63,7 @@ def pose_frames(T: np.ndarray, *, view: tuple[float, float] = (20.0, -50.0), tit
         axes.plot(*p.T, color=FAINT, linewidth=0.8, zorder=5)
         for frame in shown:
             draw_frame(axes, frame, size, width=2.0)
-        for colour, name in zip(AXIS_COLOURS, "xyz", strict=True):
-            axes.plot([], [], color=colour, linewidth=3, label=f"{name} axis")
-        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.95))
+        frame_key(axes)
         axes.view_init(*view)
         rest = f", {len(shown)} of them drawn" if len(shown) < len(T) else ""
         figure.suptitle(f"{title}{rest}", fontsize=12)
