@@ -22,6 +22,7 @@ _HOME = {
     "ConfigError": "errors",
     "DataError": "errors",
     "ConvergenceError": "errors",
+    "MissingExtraError": "errors",
     "TrainingError": "errors",
     "CollisionError": "errors",
     "PlanningError": "errors",
