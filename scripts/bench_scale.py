@@ -125,7 +125,8 @@ def run_count(runs: Runs, args: argparse.Namespace, count: int) -> None:
     if f"{count} sample" not in runs.done or not (poses / "_manifest.json").exists():
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        sample = ["sample", "--robot", args.robot, "--count", str(count), "--partition-rows", str(args.rows)]
+        rows = str(min(args.rows, max(1, count // 8)))  # enough partitions to share out
+        sample = ["sample", "--robot", args.robot, "--count", str(count), "--partition-rows", rows]
         print(f"{count} sample ...", file=sys.stderr, flush=True)
         result = command(*sample, "-o", str(poses))
         runs.keep(f"{count} sample", result | {"totals": manifest(poses)["totals"]})

@@ -59,15 +59,26 @@ def test_every_option_of_the_plan_is_used():
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ikgrad[distributed]")
 def test_the_benchmark_compares_engines_and_goes_on_where_it_stopped(tmp_path: Path):
     record = tmp_path / "scale.json"
-    words = ["--counts", "300", "600", "--rows", "200", "--rounds", "1", "--json", str(record), "--work", str(tmp_path)]
+    words = [
+        "--counts",
+        "300",
+        "--rows",
+        "200",
+        "--rounds",
+        "1",
+        "--json",
+        str(record),
+        "--work",
+        str(tmp_path / "work"),
+    ]
     command = [sys.executable, str(SCRIPTS / "bench_scale.py"), *words]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     runs = [subprocess.run(command, capture_output=True, text=True, check=True, env=environment)]
     kept = json.loads(record.read_text())
-    del kept["600 ray, 2 workers 0"]
+    del kept["300 ray, 2 workers 0"]
     record.write_text(json.dumps(kept))
     runs.append(subprocess.run(command, capture_output=True, text=True, check=True, env=environment))
-    assert [run.stdout.count("files, all the same") for run in runs] == [2, 2]
-    assert "3 x 3 files" in runs[0].stdout
-    assert re.findall(r"^600.*", runs[1].stderr, re.MULTILINE) == ["600 sample ...", "600 ray, 2 workers 0 ..."]
-    assert not [path for path in tmp_path.iterdir() if path.is_dir() and any(path.iterdir())]
+    assert [run.stdout.count("files, all the same") for run in runs] == [1, 1]
+    assert "3 x 9 files" in runs[0].stdout  # 300 poses, 37 at a time
+    assert re.findall(r"^300.*", runs[1].stderr, re.MULTILINE) == ["300 sample ...", "300 ray, 2 workers 0 ..."]
+    assert not list((tmp_path / "work").iterdir())
