@@ -16,7 +16,7 @@ import pytest
 from job_tasks import Noting
 
 from ikgrad.cli.main import main
-from ikgrad.errors import ConfigError, DataError
+from ikgrad.errors import ConfigError, DataError, MissingExtraError
 from ikgrad.jobs import ray_engine
 from ikgrad.jobs.ray_engine import run_ray
 
@@ -196,5 +196,5 @@ def test_at_least_one_of_each(tmp_path: Path, numbers):
 
 def test_without_ray_the_extra_is_named(tmp_path: Path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(ConfigError, match=r"pip install 'ikgrad\[distributed\]'"):
+    with pytest.raises(MissingExtraError, match=r"Ray clusters need ray; pip install 'ikgrad\[distributed\]'"):
         list(run_ray(Noting(tmp_path), NAMES, workers=1, threads=1))
