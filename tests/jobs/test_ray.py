@@ -28,11 +28,13 @@ pytestmark = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason=
 
 # What a user's program does; "stay" in the arguments is a partition that never ends.
 PROGRAM = """
+import signal
 import sys
 from pathlib import Path
 from job_tasks import Noting
 from ikgrad.jobs.ray_engine import run_ray
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it
 task = Noting(Path(sys.argv[1]), {"stay": ("stay", 9), "bb": ("kill", 1)})
 try:
     for record in run_ray(task, sys.argv[2:], workers=2, threads=1):
@@ -162,9 +164,10 @@ def test_a_cluster_of_our_own_is_quiet_and_gone_after_ctrl_c(tmp_path: Path):
         assert {program.stdout.readline().strip() for _ in range(2)} == {"bb", "ccc"}
         wait_until((tmp_path / "stay.times").exists)
         own = set(Path("/tmp").glob("ikgrad-ray-*")) - places
-    finally:
         os.killpg(program.pid, signal.SIGINT)  # what a terminal sends: to the driver and to all that it started
-    assert program.communicate(timeout=60) == ("interrupted\n", "")
+        assert program.communicate(timeout=60) == ("interrupted\n", "")
+    finally:
+        program.kill()
     assert own
     assert not any(place.exists() for place in own)
     stuck = int((tmp_path / "stay.times").read_text())
