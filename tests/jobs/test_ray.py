@@ -154,7 +154,6 @@ def test_a_cluster_that_is_too_small_or_has_another_version_is_refused(tmp_path:
 
 
 def test_a_cluster_of_our_own_is_quiet_and_gone_after_ctrl_c(tmp_path: Path):
-    places = set(Path("/tmp").glob("ikgrad-ray-*"))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}
     command = [sys.executable, "-W", "error", "-c", PROGRAM, str(tmp_path), "bb", "stay", "ccc"]
     pipe = subprocess.PIPE
@@ -163,13 +162,12 @@ def test_a_cluster_of_our_own_is_quiet_and_gone_after_ctrl_c(tmp_path: Path):
         assert program.stdout is not None
         assert {program.stdout.readline().strip() for _ in range(2)} == {"bb", "ccc"}
         wait_until((tmp_path / "stay.times").exists)
-        own = set(Path("/tmp").glob("ikgrad-ray-*")) - places
+        [own] = Path("/tmp").glob(f"ikgrad-ray-*/session_*_{program.pid}")
         os.killpg(program.pid, signal.SIGINT)  # what a terminal sends: to the driver and to all that it started
         assert program.communicate(timeout=60) == ("interrupted\n", "")
     finally:
         program.kill()
-    assert own
-    assert not any(place.exists() for place in own)
+    assert not own.parent.exists()
     stuck = int((tmp_path / "stay.times").read_text())
     wait_until(lambda: not Path(f"/proc/{stuck}").exists() or "Z" in Path(f"/proc/{stuck}/stat").read_text().split())
 
