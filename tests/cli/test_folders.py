@@ -124,6 +124,7 @@ def test_samples_are_solved(capsys, place):
         (["--chunk", "9"], "--chunk is for a single file"),
         (["--shard", "3/2"], "expected a shard i/N with i from 1 to N, like 1/8 to 8/8, got '3/2'"),
         (["--address", "auto"], "--address is that of a Ray cluster; it needs --engine ray"),
+        (["--address", "auto", "--engine", "ray"], "--address needs --workers: how many the cluster shall run"),
         (["--robot", "pandda"], "unknown robot 'pandda'"),
     ],
 )

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,9 @@ def add_folder_options(parser: argparse.ArgumentParser) -> None:
         "--engine", choices=["local", "ray"], help="processes of this machine (default), or a Ray cluster"
     )
     group.add_argument("--address", metavar="A", help="of an existing Ray cluster; default: one started for the job")
-    group.add_argument("--workers", type=count, metavar="N", help="worker processes (default: one for each core)")
+    group.add_argument(
+        "--workers", type=count, metavar="N", help="worker processes (default: one a core of this machine)"
+    )
     group.add_argument("--threads", type=count, metavar="N", help="threads of each worker (default 1)")
     group.add_argument("--shard", metavar="i/N", help="do only every N-th partition, beginning with number i")
 
@@ -152,8 +154,11 @@ def run_folders(args: argparse.Namespace, what: str, task: Task, outputs: Sequen
     with (
         _keeping([place for place, _ in outputs], own),
         Progress(what, sum(sizes[name] for name in own), "poses") as bar,
+        contextlib.closing(
+            engine(task, own)
+        ) as outcomes,  # whatever happens, workers are gone before the folder is swept
     ):
-        for record in engine(task, own):
+        for record in outcomes:
             records.append(record)
             (bar.advance if record["fresh"] else bar.skip)(sizes[record["name"]])
         rate = bar.rate
@@ -170,9 +175,11 @@ def _shard(args: argparse.Namespace) -> Shard | None:
     return Shard.parse(args.shard) if args.shard else None
 
 
-def _engine(args: argparse.Namespace) -> Callable[[Task, Sequence[str]], Iterator[Record]]:
+def _engine(args: argparse.Namespace) -> Callable[[Task, Sequence[str]], Generator[Record, None, None]]:
     workers, threads = args.workers or max(1, _cores() // (args.threads or 1)), args.threads or 1
     if args.engine == "ray":
+        if args.address and args.workers is None:
+            raise ConfigError("--address needs --workers: how many the cluster shall run")
         check("ray", extra="distributed", what="Ray clusters")
         from ikgrad.jobs.ray_engine import run_ray
 

@@ -13,7 +13,7 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 from ikgrad.errors import ConfigError, DataError
@@ -24,7 +24,7 @@ GRACE = 10.0  # seconds for workers to remove what they had begun
 START = "from ikgrad.jobs.worker import main; main()"
 
 
-def run_local(task: Task, names: Sequence[str], *, workers: int, threads: int) -> Iterator[Record]:
+def run_local(task: Task, names: Sequence[str], *, workers: int, threads: int) -> Generator[Record, None, None]:
     """Do partitions with processes of this machine; a `KeyboardInterrupt` or an error stops all of them.
 
     Args:

@@ -21,7 +21,7 @@ import sys
 import tempfile
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -38,7 +38,7 @@ PATIENCE = 5.0  # seconds for a cluster to accept a connection
 
 def run_ray(
     task: Task, names: Sequence[str], *, workers: int, threads: int, address: str | None = None
-) -> Iterator[Record]:
+) -> Generator[Record, None, None]:
     """Do partitions with actors of a Ray cluster; a `KeyboardInterrupt` or an error stops all of them.
 
     A worker that dies is restarted by Ray and gets its partition again. Workers for which the cluster has no room yet
