@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,12 @@ def mistake(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
     assert out == ""
     assert err.count("\n") == 1
     return err
+
+
+def block(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    """As if it were not installed, whatever was imported before."""
+    for name in [package, *(name for name in sys.modules if name.startswith(f"{package}."))]:
+        monkeypatch.setitem(sys.modules, name, None)
 
 
 def weights_of(folder: Path) -> dict[str, bytes]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from support import block
 
 import ikgrad as ik
 from ikgrad.cli.main import main
@@ -313,7 +313,7 @@ def test_dtypes_that_an_inverter_does_not_take_are_refused(tmp_path, family, dty
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript"])
 def test_a_missing_package_is_named_with_the_extra(tmp_path, monkeypatch, package):
-    monkeypatch.setitem(sys.modules, package, None)
+    block(monkeypatch, package)
     with pytest.raises(MissingExtraError, match=rf"ONNX files need {package}; pip install 'ikgrad\[export\]'"):
         export_inverter(make(), tmp_path / "arm.onnx")
 

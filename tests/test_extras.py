@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from support import mistake
+from support import block, mistake
 
 from ikgrad import extras
 from ikgrad.bench.peers import PEERS
@@ -36,12 +35,6 @@ CASES = [
     ("viser", ["view", "--robot", "panda"], "pages of `ikgrad view` need viser; pip install 'ikgrad[viz]'"),
     ("viser", ["view", "--robot", "panda", "--export", "page.html"], "need viser; pip install 'ikgrad[viz]'"),
 ]
-
-
-def block(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
-    """As if it were not installed, whatever was imported before."""
-    for name in [package, *(name for name in sys.modules if name.startswith(f"{package}."))]:
-        monkeypatch.setitem(sys.modules, name, None)
 
 
 @pytest.fixture

@@ -440,7 +440,7 @@ def test_optimizer_options_reach_the_optimizer():
 
 def test_tensorboard_that_is_missing_is_named_with_its_extra(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ik.ConfigError, match=r"package is not installed; pip install 'ikgrad\[train\]' brings it"):
+    with pytest.raises(ik.MissingExtraError, match=r"events need tensorboard; pip install 'ikgrad\[train\]'"):
         ik.train(**QUICK, tensorboard=True, out=tmp_path / "run")
 
 
