@@ -1,4 +1,4 @@
-"""Check a map of `ikgrad map` against brute force that shares nothing with how it was made.
+"""Check a map of `ikgrad map` against brute force by other means than made it.
 
 1. Cells are drawn at random, and every orientation is tried in each: first by `solve_ik` in plain torch operations,
    from many random starts and another seed, then, where that fails, by the compiled `solve_ik` with all its 300
