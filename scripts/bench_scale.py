@@ -1,6 +1,6 @@
 """Measure bulk inverse kinematics by `ikgrad sample` and `ikgrad solve` over partitions, and plan what is beyond.
 
-    python scripts/bench_scale.py [--counts 100000 1000000 10000000] [--rounds 3] [--json FILE] [--fresh]
+    python scripts/bench_scale.py [--counts 100000 1000000 10000000 30000000] [--rounds 3] [--json FILE] [--fresh]
     python scripts/bench_scale.py --overhead       # partitions without work: local, Ray actors, Ray Data
     python scripts/bench_scale.py --many 10000     # that many tiny partitions
 
@@ -11,8 +11,8 @@ from 10 million poses on). Peak memory is the greatest of any process of the com
 compared by the checksums in their manifests, which the last run of each verifies against the files (`--resume`). Runs
 that are finished are kept in FILE, so that the same command goes on where it stopped; ``--fresh`` begins again.
 
-The model behind the plan (scripts/scale_model.py) is fitted to one worker at the two smallest counts, and checked
-against all other runs.
+The model behind the plan (scripts/scale_model.py) is fitted to one worker at the smallest count and the largest but
+one, and checked against all other runs.
 """
 
 from __future__ import annotations
@@ -198,10 +198,15 @@ def bytes_of_a_pose(runs: Runs, count: int) -> tuple[float, float]:
     return totals[0]["bytes"] / count, totals[1]["bytes"] / count
 
 
+def base(counts: list[int]) -> list[int]:
+    """The smallest count and the largest but one, so that the largest is a prediction."""
+    return [counts[0], counts[-2] if len(counts) > 2 else counts[-1]]
+
+
 def fitted(runs: Runs, counts: list[int]) -> scale_model.Cost:
-    """From one worker at the two smallest counts."""
+    """From one worker at two of the counts."""
     bytes_in, bytes_out = bytes_of_a_pose(runs, counts[-1])
-    two = [(float(count), seconds(runs, count, ONE)) for count in counts[:2]]
+    two = [(float(count), seconds(runs, count, ONE)) for count in base(counts)]
     return scale_model.fit(two, bytes_in=bytes_in, bytes_out=bytes_out)
 
 
@@ -210,7 +215,7 @@ def check_table(runs: Runs, counts: list[int], cost: scale_model.Cost) -> str:
     table = [["poses", "engine", "predicted [s]", "measured [s]", "measured / predicted"], ["---"] * 5]
     for count in counts:
         for name, workers in WORKERS.items():
-            if name == ONE and count in counts[:2]:
+            if name == ONE and count in base(counts):
                 continue  # the model is made of these
             says, took = cost.seconds(count, workers), seconds(runs, count, name)
             table.append([f"{count:,}", name, f"{says:.1f}", f"{took:.1f}", f"{took / says:.2f}"])
@@ -304,7 +309,8 @@ def put(page: Path, name: str, text: str) -> None:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="panda")
-    parser.add_argument("--counts", type=int, nargs="+", default=[100_000, 1_000_000, 10_000_000], metavar="N")
+    counts = [100_000, 1_000_000, 10_000_000, 30_000_000]
+    parser.add_argument("--counts", type=int, nargs="+", default=counts, metavar="N")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--overhead", action="store_true")
     parser.add_argument("--many", type=int, metavar="PARTITIONS")

@@ -156,7 +156,7 @@ def assumptions(args: argparse.Namespace, note_bytes: float = Assumptions.note_b
 def main() -> None:
     """Print the plan."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--micros", type=float, default=4.5, help="core microseconds of a pose")
+    parser.add_argument("--micros", type=float, default=1.24, help="core microseconds of a pose")
     parser.add_argument("--bytes-in", type=float, default=56.0)
     parser.add_argument("--bytes-out", type=float, default=73.0)
     add_assumptions(parser)
