@@ -1,6 +1,6 @@
 """What bulk inverse kinematics costs past this machine: a model of four numbers, and a plan for any count of poses.
 
-    python scripts/scale_model.py [--plan 1e9 1e12] [--cores 1000] [--micros 4.5] [--bytes-in 56] [--bytes-out 73] ...
+    python scripts/scale_model.py [--plan 1e9 1e12] [--cores 1000] [--micros 1.24] [--bytes-in 56] [--bytes-out 73] ...
 
 The defaults for core time and bytes are of one run of scripts/bench_scale.py, which measures them anew, prints this
 plan from them and checks the model against its own runs. Prices and the network are assumptions: give your own.
