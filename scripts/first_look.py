@@ -61,7 +61,7 @@ def main() -> None:
                 server.terminate()
 
 
-def drag_target(page: Page, session: Session) -> None:
+def drag_target(page: Page, session: Session, *, moves: int = 12) -> None:
     """Along the arrow that is seen from the side, from where the page's camera stands at first."""
     robot, T = session.robot, session.T_target.numpy()
     stand, look_at = camera(robot.length)
@@ -69,7 +69,7 @@ def drag_target(page: Page, session: Session) -> None:
     grip, far = 0.13 * robot.length, 0.13 * robot.length + 0.1
     ways = [[page.see(eye, T[:3, 3] + r * axis) for r in (grip, far)] for axis in T[:3, :3].T]
     begin, end = max(ways, key=lambda way: np.hypot(*np.subtract(*way)))
-    page.drag(begin, end)
+    page.drag(begin, end, moves=moves)
 
 
 if __name__ == "__main__":
