@@ -2,7 +2,7 @@
 
     python scripts/bench_drag.py [--robot panda] [--seconds 6]
 
-Twice for each page: with targets that arrive 100 times a second, as from a fast browser, while the Chromium only
+Twice each: with targets that arrive 100 times a second, as from a fast browser, while the Chromium only
 watches; and with a mouse that pulls the target by an arrow, where the browser sends a target for each picture that it
 has drawn. Without a GPU it draws on the same processor. Needs the extra 'browser' and a Chromium (scripts/browser.sh).
 """
@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from first_look import drag_target
+from first_look import arrow
 from headless import Page, chromium
 
 import ikgrad as ik
 from ikgrad.view import Session, Viewer, start_server
 
 RATE = 100.0  # targets a second
-SIZES = ((1200, 800), (800, 500))
 
 
 class Watched:
@@ -55,19 +54,26 @@ class Watched:
         return self._told()
 
     def mouse(self, seconds: float) -> str:
-        """The arrow, there and back, for as long."""
+        """The arrow, there and back once a second, as fast as a hand moves."""
         self.viewer.reset()
-        self.viewer.worker.wait(5)
-        self.times, end = [], time.perf_counter() + seconds
-        while time.perf_counter() < end:
-            drag_target(self.page, self.session, moves=60)
-            self.viewer.reset()
-            self.viewer.worker.wait(5)
+        self.page.tab.wait_for_timeout(1500)
+        begin, end = (np.array(pixel) for pixel in arrow(self.page, self.session))
+        mouse, pause = self.page.tab.mouse, self.page.tab.wait_for_timeout
+        mouse.move(*begin)
+        pause(300)  # what is under the mouse is found when the next picture is drawn
+        mouse.move(*(begin + 0.5))
+        pause(300)
+        mouse.down()
+        self.times, start = [], time.perf_counter()
+        while (now := time.perf_counter() - start) < seconds:
+            mouse.move(*(begin + (end - begin) * np.sin(np.pi * now) ** 2))
+            pause(8)
+        mouse.up()
+        pause(500)
         return self._told()
 
     def _told(self) -> str:
         gaps = np.diff(self.times)
-        gaps = gaps[gaps < 1.0]  # between two pulls of the mouse
         middle, most = 1e3 * np.percentile(gaps, [50, 95])
         return f"{1 / gaps.mean():.0f} a second, gaps of {middle:.0f} ms, 95 % within {most:.0f} ms"
 
@@ -80,16 +86,14 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     robot = ik.load_robot(args.robot)
-    for size in SIZES:
-        with chromium(size=size) as new_page:
-            watched = Watched(robot, new_page())
-            for shadows in (True, False):
-                if not shadows:
-                    watched.page.tab.get_by_label("shadows").click()
-                where = f"{robot.name}, {size[0]} x {size[1]}, shadows {'on' if shadows else 'off'}"
-                print(f"{where}: {RATE:.0f} targets a second: {watched.stream(args.seconds)}", flush=True)
-                print(f"{where}: mouse: {watched.mouse(args.seconds)}", flush=True)
-            watched.viewer.close()
+    with chromium() as new_page:
+        watched = Watched(robot, new_page())
+        for shadows in ("on", "off"):
+            if shadows == "off":
+                watched.page.tab.get_by_label("shadows").click()
+            print(f"shadows {shadows}, {RATE:.0f} targets a second: {watched.stream(args.seconds)}", flush=True)
+            print(f"shadows {shadows}, a mouse in the browser: {watched.mouse(args.seconds)}", flush=True)
+        watched.viewer.close()
 
 
 if __name__ == "__main__":

@@ -54,22 +54,24 @@ def main() -> None:
                 lap("the browser shows it")
                 joint = page.tab.get_by_role("textbox").first
                 before = joint.input_value()
-                drag_target(page, session)
+                page.drag(*arrow(page, session))
                 page.wait_for(lambda: joint.input_value() != before, "joints that change")
                 lap("the target is dragged and the arm has moved")
             finally:
                 server.terminate()
 
 
-def drag_target(page: Page, session: Session, *, moves: int = 12) -> None:
-    """Along the arrow that is seen from the side, from where the page's camera stands at first."""
+def arrow(page: Page, session: Session) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Pixels where to take hold of the target, and a tenth of a metre on.
+
+    Along the arrow that is seen from the side, from where the page's camera stands at first.
+    """
     robot, T = session.robot, session.T_target.numpy()
     stand, look_at = camera(robot.length)
     eye = SimpleNamespace(position=stand, look_at=look_at, up_direction=(0, 0, 1), fov=FIELD_OF_VIEW)
     grip, far = 0.13 * robot.length, 0.13 * robot.length + 0.1
     ways = [[page.see(eye, T[:3, 3] + r * axis) for r in (grip, far)] for axis in T[:3, :3].T]
-    begin, end = max(ways, key=lambda way: np.hypot(*np.subtract(*way)))
-    page.drag(begin, end, moves=moves)
+    return max(ways, key=lambda way: np.hypot(*np.subtract(*way)))
 
 
 if __name__ == "__main__":
